@@ -44,7 +44,7 @@ class Bench:
         self.fit = fit(case, law, starts=1, fold_count=2, seed=seed)
         self.density, _ = build_density(self.fit, NOISE | (TOE if law == "toe" else {}))
         self.true = sample_prior(self.density, count, seed)
-        self.starts = case.recording.starts
+        self.starts = case.recording.is_run_start
         self.seed = seed
 
     def recording(self, k: int):

@@ -13,6 +13,7 @@ import pamjax
 #: From left to right: a room imports from rooms to its left only.
 ROOMS = [
     "errors",
+    "text",
     "progress",
     "notebook",
     "drawing",

@@ -23,7 +23,7 @@ import numpy as np
 from pamjax.baselines.empirical import fit_sarosi
 from pamjax.baselines.gaussian_process import build_inputs, predict_discrepancy
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.diagnosis.crossval.gain import compute_rmse
+from pamjax.diagnosis.crossval.held_out_errors import compute_rmse
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import fit_candidate
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
@@ -149,14 +149,16 @@ def compare_models(diagnosis: Diagnosis, seed: int = 0) -> ModelComparison | Non
     Returns:
         the comparison; None for an isotonic test, because the formula predicts a force.
     """
-    problem, gain = diagnosis.problem, diagnosis.gain
+    problem, errors = diagnosis.problem, diagnosis.held_out_errors
     if problem.case.recording.measures_length:
         return None
     splits = []
-    if gain.held_out.any():
-        rows = gain.blocks.split(": ")[-1]
+    if errors.held_out.any():
+        rows = errors.blocks.split(": ")[-1]
         splits.append(
-            _evaluate_split(diagnosis, HELD_OUT_SPLIT, rows, gain.held_out, gain.before, gain.after, seed)
+            _evaluate_split(
+                diagnosis, HELD_OUT_SPLIT, rows, errors.held_out, errors.before, errors.after, seed
+            )
         )
     extrapolation_rows, words = find_extrapolation_rows(problem)
     if extrapolation_rows.any():

@@ -16,7 +16,7 @@ from pamjax.benchmark.inject_effect import GroundTruth, inject_effects
 from pamjax.benchmark.overlap import compute_blind_overlap, compute_overlap, compute_true_boxes
 from pamjax.benchmark.setups import draw_setup
 from pamjax.benchmark.stand_in import is_indistinguishable
-from pamjax.diagnosis.crossval.gain import select_held_out_rows
+from pamjax.diagnosis.crossval.held_out_errors import select_held_out_rows
 from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.residual_test import run_baseline_test
 from pamjax.diagnosis.detect.significance import Significance
@@ -275,8 +275,8 @@ def _compare_with_truth(
         "probabilities": tuple(float(name.probability) for name in names),
         "stand_ins": _find_indistinguishable(ground_truth, diagnosis),
         "unexplained": diagnosis.unexplained,
-        "before": _divide_by_noise(diagnosis, diagnosis.gain.rmse_before, noise),
-        "after": _divide_by_noise(diagnosis, diagnosis.gain.rmse_after, noise),
+        "before": _divide_by_noise(diagnosis, diagnosis.held_out_errors.rmse_before, noise),
+        "after": _divide_by_noise(diagnosis, diagnosis.held_out_errors.rmse_after, noise),
         "numbers": tuple(_compare_parameters(ground_truth, diagnosis)),
     }
     axes = build_axes(diagnosis.problem)
@@ -302,7 +302,7 @@ def _compute_noise_sd(diagnosis: Diagnosis) -> np.ndarray:
 def _divide_by_noise(diagnosis: Diagnosis, rmse: dict[str, float], noise: np.ndarray) -> dict[str, float]:
     out = {}
     for c, channel in enumerate(CHANNELS):
-        rows = diagnosis.gain.held_out & np.isfinite(diagnosis.problem.measured[c])
+        rows = diagnosis.held_out_errors.held_out & np.isfinite(diagnosis.problem.measured[c])
         if channel in rmse and rows.any():
             out[channel] = rmse[channel] / float(np.sqrt(np.mean(noise[c][rows] ** 2)))
     return out
@@ -362,12 +362,12 @@ def _build_recovered(
 
 
 def _fit_baselines(diagnosis: Diagnosis, noise: np.ndarray) -> dict[str, Any]:
-    problem, training_rows, out = diagnosis.problem, ~diagnosis.gain.held_out, {}
+    problem, training_rows, out = diagnosis.problem, ~diagnosis.held_out_errors.held_out, {}
     selection = select_by_bic(problem, training_rows)
     out["selected"] = selection.ids
-    before = diagnosis.gain.before[0]
+    before = diagnosis.held_out_errors.before[0]
     curve = before + predict_discrepancy(build_inputs(problem), problem.measured[0] - before, training_rows)
-    rows = diagnosis.gain.held_out & np.isfinite(problem.measured[0])
+    rows = diagnosis.held_out_errors.held_out & np.isfinite(problem.measured[0])
     if rows.any():
         floor = float(np.sqrt(np.mean(noise[0][rows] ** 2)))
         for word, force in (("selected_after", selection.force), ("curve_after", curve)):

@@ -12,7 +12,7 @@ from typing import NoReturn
 from cyclopts import App, CycloptsError
 
 from pamjax.cli.help import ParagraphFormatter
-from pamjax.cli.misused import format_usage_error
+from pamjax.cli.misused import format_usage_error, name_options
 from pamjax.cli.process import describe_missing_device, prepare_streams
 from pamjax.errors import BadInput
 
@@ -86,10 +86,9 @@ def main(arguments: list[str] | None = None) -> int:
             raise_interrupt()
         sys.stdout.flush()
     except (BadInput, CycloptsError) as error:
-        print(
-            f"pamjax: {format_usage_error(error) if isinstance(error, CycloptsError) else error}",
-            file=sys.stderr,
-        )
+        is_usage_error = isinstance(error, CycloptsError)
+        message = format_usage_error(error) if is_usage_error else name_options(str(error))
+        print(f"pamjax: {message}", file=sys.stderr)
         return EXIT_REFUSED
     except BrokenPipeError:
         # The reader, for example `head`, closed the pipe. Redirect the output to avoid an error at exit.

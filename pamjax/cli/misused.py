@@ -1,8 +1,9 @@
-"""Messages for unknown commands and options."""
+"""Messages for unknown commands and options, and names of options in the messages of the library."""
 
 from __future__ import annotations
 
 import difflib
+import re
 
 from cyclopts import (
     CycloptsError,
@@ -16,6 +17,25 @@ from pamjax.errors import compose_message, suggest_word
 
 #: Smallest similarity of an option to be suggested, as `difflib` measures it.
 MIN_SIMILARITY = 0.7
+
+#: Parameters of the library in a message, as patterns, and the options that set them.
+PARAMETER_PATTERNS = {
+    r"`(law|case)`": r"`--\1`",
+    r"`fold_count`": "`folds`",
+    r'`mechanisms=\["(\w+)"\]`': r"`--with \1`",
+    r'`loss="(\w+)"`': r"`--loss \1`",
+}
+
+
+def name_options(message: str) -> str:
+    """Return a message of the library with the options of the command line in place of its parameters.
+
+    >>> name_options("`case` needs a fit.json. Omit `case`.")
+    '`--case` needs a fit.json. Omit `--case`.'
+    """
+    for pattern, option in PARAMETER_PATTERNS.items():
+        message = re.sub(pattern, option, message)
+    return message
 
 
 def format_usage_error(error: CycloptsError) -> str:

@@ -1,13 +1,13 @@
 """Cache of traced programs (StableHLO) on disk.
 
 JAX finds a compiled program by its trace. Every process therefore traces again, which takes about twenty
-seconds. This cache stores the trace. Its file name has the function and two hashes: one of the sources of
-pamjax and the versions of JAX and Equinox, one of the shapes and types of the arguments. The file is written
-after the program is compiled. Other processes that need the same program wait for it. If the folder cannot be
-used, a process compiles without the cache.
+seconds. This cache stores the trace. Its file name has the function and two hashes. One is of the sources of
+pamjax and the versions of JAX and Equinox, the other of the shapes and types of the arguments. The file is
+written after the program is compiled. Other processes that need the same program wait for it. If the folder
+cannot be used, a process compiles without the cache.
 
-The cache is not used if the sources changed after the import, if the library has a mechanism from outside
-pamjax, or for devices other than the CPU. It does not detect code that is patched at run time.
+The cache is not used if the sources changed after the import, or for devices other than the CPU. Nor is it
+used if the library has a mechanism from outside pamjax. It does not detect code that is patched at run time.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from pamjax.model.registry import ALTERNATIVES, MECHANISMS
 from pamjax.records.files import write_atomically
 
 #: Packages whose versions are part of a program's name.
-TRACING_PACKAGES = ("jax", "jaxlib", "equinox")
+_TRACING_PACKAGES = ("jax", "jaxlib", "equinox")
 
 #: Longest time to wait for a program of another process, s.
 LOCK_TIMEOUT = 240.0
 
 #: Largest number of characters of the function in a file name.
-MAX_FUNCTION_NAME = 100
+_MAX_FUNCTION_NAME = 100
 
 #: Length of the checksum at the start of a file, bytes.
-CHECKSUM_BYTES = 32
+_CHECKSUM_BYTES = 32
 
 #: Lock for tracing: tracing needs Python's global lock, compilation does not. Threads trace one by one.
 _tracing_lock = threading.Lock()
@@ -97,7 +97,7 @@ def _load_program(file: Path, leaves: list) -> Compiled | None:
     content = b""
     with suppress(OSError):
         content = file.read_bytes()
-    checksum, body = content[:CHECKSUM_BYTES], content[CHECKSUM_BYTES:]
+    checksum, body = content[:_CHECKSUM_BYTES], content[_CHECKSUM_BYTES:]
     if _compute_checksum(file, body) != checksum:
         return None
     # JAX raises errors of many types for a file of another format, or arguments of another type.
@@ -139,7 +139,7 @@ def _locate_program(function: Any, arguments: tuple) -> Path | None:
     shapes = eqx.tree_pformat(arguments, width=10**6)
     function_name = f"{function.__module__}.{function.__qualname__}"
     name = hashlib.sha256(f"{function_name}\n{shapes}".encode()).hexdigest()
-    readable_name = re.sub(r"[^\w.]", "_", function_name)[:MAX_FUNCTION_NAME]
+    readable_name = re.sub(r"[^\w.]", "_", function_name)[:_MAX_FUNCTION_NAME]
     return folder / f"{readable_name}-{_hash_tracer()}-{name}.stablehlo"
 
 
@@ -169,4 +169,4 @@ def _describe_tracer() -> str:
     sources, root = hashlib.sha256(), Path(pamjax.__file__).parent
     for source in _list_sources():
         sources.update(source.relative_to(root).as_posix().encode() + b"\0" + source.read_bytes())
-    return "\n".join([*(f"{name} {version(name)}" for name in TRACING_PACKAGES), sources.hexdigest()])
+    return "\n".join([*(f"{name} {version(name)}" for name in _TRACING_PACKAGES), sources.hexdigest()])

@@ -13,7 +13,7 @@ A = TypeVar("A")
 B = TypeVar("B")
 
 #: Maximum number of threads.
-MAX_THREADS = 4
+_MAX_THREADS = 4
 
 
 #: Decorator: linear algebra in one thread. A QR of some thousand rows and a few columns has many small steps.
@@ -27,7 +27,7 @@ def parallel_map(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
     >>> parallel_map(abs, [-1, 2, -3])
     [1, 2, 3]
     """
-    pool = ThreadPoolExecutor(min(os.cpu_count() or 1, MAX_THREADS))
+    pool = ThreadPoolExecutor(min(os.cpu_count() or 1, _MAX_THREADS))
     try:
         # One linear-algebra thread per item: more threads would compete for the cores.
         with threadpool_limits(1, user_api="blas"):

@@ -16,11 +16,11 @@ import jax
 from pamjax.compile.aot_cache import load_or_compile
 
 #: Maximum number of concurrent compilations.
-MAX_CONCURRENT_COMPILATIONS = 2
+_MAX_CONCURRENT_COMPILATIONS = 2
 
 _compilations: dict[Hashable, Future] = {}
 _compilations_lock = threading.Lock()
-_compile_pool = ThreadPoolExecutor(MAX_CONCURRENT_COMPILATIONS, thread_name_prefix="compile")
+_compile_pool = ThreadPoolExecutor(_MAX_CONCURRENT_COMPILATIONS, thread_name_prefix="compile")
 
 
 def start_compilation(function: Any, *arguments: Any) -> Future:

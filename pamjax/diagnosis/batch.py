@@ -22,7 +22,7 @@ def diagnose_all(
     progress: Progress = ignore_progress,
     workers: int | None = None,
 ) -> Iterator[tuple[Case, Diagnosis | BadInput]]:
-    """Diagnose each recording and yield each result as soon as it is complete.
+    """Yield the diagnosis of each recording as soon as it is complete.
 
     Args:
         cases: the recordings, with different names.

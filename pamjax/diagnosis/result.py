@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.diagnosis.crossval.gain import Gain
+from pamjax.diagnosis.crossval.held_out_errors import HeldOutErrors
 from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.form_errors.prediction import FormPrediction
@@ -35,14 +35,14 @@ from pamjax.records.blocks import Blocks
 from pamjax.records.files import write_atomically
 from pamjax.units import compute_si_factor
 
-DIAGNOSIS_SCHEMA = "pamjax.diagnosis/1"
+_DIAGNOSIS_SCHEMA = "pamjax.diagnosis/1"
 
 
 #: Largest number of lines of the verdict on the screen.
 MAX_VERDICT_LINES = 25
 
 #: Largest number of notes in the verdict.
-MAX_VERDICT_NOTES = 3
+_MAX_VERDICT_NOTES = 3
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Diagnosis(DrawableResult, NotebookNote):
         residual_share: unexplained share of the excess misfit.
         noise_ratios: by channel, estimated over stated noise sd; None if no noise is stated.
         blocks: the blocks of the recording.
-        gain: errors on held-out blocks, without and with the mechanisms.
+        held_out_errors: errors on held-out blocks, without and with the mechanisms.
         parameters: estimates by mechanism id and parameter name, amplitude first.
         parameter_shifts: baseline parameters without and with the mechanisms.
         notes: warnings of the case, parameters that are not determined, and parameters at their limits.
@@ -105,7 +105,7 @@ class Diagnosis(DrawableResult, NotebookNote):
     residual_share: float
     noise_ratios: dict[str, float | None]
     blocks: Blocks
-    gain: Gain
+    held_out_errors: HeldOutErrors
     parameters: dict[str, dict[str, ParameterEstimate]]
     parameter_shifts: dict[str, ParameterShift]
     notes: list[str]
@@ -115,17 +115,17 @@ class Diagnosis(DrawableResult, NotebookNote):
 
     @property
     def settings(self) -> DiagnosisSettings:
-        """Thresholds of the diagnosis."""
+        """Return the thresholds of the diagnosis."""
         return self.problem.settings
 
     @property
     def named_mechanisms(self) -> tuple[NamedMechanism, ...]:
-        """Identified mechanisms, most probable first."""
+        """Return the identified mechanisms, most probable first."""
         return self.selection.named_mechanisms
 
     @property
     def established_mechanisms(self) -> tuple[NamedMechanism, ...]:
-        """Identified mechanisms with at least the probability of the setting `established_probability`."""
+        """Return the identified mechanisms with at least the probability `established_probability`."""
         return tuple(
             mechanism
             for mechanism in self.named_mechanisms
@@ -134,18 +134,18 @@ class Diagnosis(DrawableResult, NotebookNote):
 
     @property
     def is_detected(self) -> bool:
-        """Whether the misfit of the baseline is significant."""
+        """Return whether the misfit of the baseline is significant."""
         return bool(self.mismatch.p_value < self.settings.detection_p_value)
 
     @property
     def is_faint(self) -> bool:
-        """Whether the misfit is significant, but too small to identify a mechanism or to be unexplained."""
+        """Return whether the misfit is significant, but too small to identify a mechanism or unexplained."""
         return self.is_detected and not self.named_mechanisms and not self.unexplained
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as `pamjax.diagnosis/1`, the content of diagnosis.json."""
         return {
-            "schema": DIAGNOSIS_SCHEMA,
+            "schema": _DIAGNOSIS_SCHEMA,
             "case": self.problem.case.name,
             "baseline": {
                 "model": self.problem.law,
@@ -176,7 +176,10 @@ class Diagnosis(DrawableResult, NotebookNote):
                 ],
                 "where": [_serialise_box(b) for b in self.residual_boxes] if self.unexplained else [],
             },
-            "improvement": {"held_out": {"blocks": self.gain.blocks} | _serialise_gain(self.gain)},
+            "improvement": {
+                "held_out": {"blocks": self.held_out_errors.blocks}
+                | _serialise_held_out_errors(self.held_out_errors)
+            },
             "parameters_moved": {n: _serialise_shift(m) for n, m in self.parameter_shifts.items()},
             "next_experiment": [e.as_dict() for e in self.experiments],
         }
@@ -186,14 +189,14 @@ class Diagnosis(DrawableResult, NotebookNote):
 
         Predictions of held-out rows come from fits without these rows.
         """
-        recording, gain = self.problem.case.recording, self.gain
+        recording, errors = self.problem.case.recording, self.held_out_errors
         columns: dict[str, Any] = {
             "row": recording.row,
             "block": [self.blocks.names[k] if k >= 0 else "" for k in self.blocks.label],
-            "held_out": gain.held_out.astype(int),
+            "held_out": errors.held_out.astype(int),
         }
         for c, channel in enumerate(self.problem.channels):
-            for when, prediction in (("before", gain.before), ("after", gain.after)):
+            for when, prediction in (("before", errors.before), ("after", errors.after)):
                 columns[f"{channel}_{when} [{DISPLAY_UNIT[channel]}]"] = to_display(channel, prediction[c])
         return pd.DataFrame(columns)
 
@@ -312,14 +315,14 @@ def _serialise_mechanism(diagnosis: Diagnosis, mechanism: NamedMechanism) -> dic
     }
 
 
-def _serialise_gain(gain: Gain) -> dict[str, Any]:
+def _serialise_held_out_errors(errors: HeldOutErrors) -> dict[str, Any]:
     return {
         c: {
-            "rmse_before": to_display(c, gain.rmse_before[c]),
-            "rmse_after": to_display(c, gain.rmse_after[c]),
+            "rmse_before": to_display(c, errors.rmse_before[c]),
+            "rmse_after": to_display(c, errors.rmse_after[c]),
             "unit": DISPLAY_UNIT[c],
         }
-        for c in gain.rmse_before
+        for c in errors.rmse_before
     }
 
 
@@ -334,7 +337,7 @@ def _serialise_shift(shift: ParameterShift) -> dict[str, Any]:
 
 
 def _format_lines(diagnosis: Diagnosis) -> list[str]:
-    case, gain = diagnosis.problem.case, diagnosis.gain
+    case, errors = diagnosis.problem.case, diagnosis.held_out_errors
     lines = [f"{case.name}: {case.entry.name}, {diagnosis.problem.law} baseline"]
     p = diagnosis.mismatch.p_value
     if not diagnosis.is_detected:
@@ -364,14 +367,14 @@ def _format_lines(diagnosis: Diagnosis) -> list[str]:
             f" explains it{f'; like {likeness}' if likeness else ''}"
         )
         lines += [f"    {box.description}" for box in diagnosis.residual_boxes[:2]]
-    for channel, rmse_before in gain.rmse_before.items():
-        before, after = (to_display(channel, rmse) for rmse in (rmse_before, gain.rmse_after[channel]))
+    for channel, rmse_before in errors.rmse_before.items():
+        before, after = (to_display(channel, rmse) for rmse in (rmse_before, errors.rmse_after[channel]))
         noise = f"noise {_serialise_noise(diagnosis)[channel]['sd']:.3g}"
         change = f"{before:.3g} -> {after:.3g} {DISPLAY_UNIT[channel]}"
         if not diagnosis.named_mechanisms:
             change = f"{before:.3g} {DISPLAY_UNIT[channel]} by the baseline"
-        lines.append(f"  held-out rmse ({gain.blocks.split(':')[0]}): {channel} {change}, {noise}")
-    if diagnosis.named_mechanisms and not gain.rmse_before:
+        lines.append(f"  held-out rmse ({errors.blocks.split(':')[0]}): {channel} {change}, {noise}")
+    if diagnosis.named_mechanisms and not errors.rmse_before:
         lines.append(
             "  no block was held out (too few blocks): no independent rows confirm these mechanisms."
             " Record at least three pressures."
@@ -385,7 +388,7 @@ def _format_lines(diagnosis: Diagnosis) -> list[str]:
         f"  next experiment: {experiment.protocol} (power {experiment.power:.2f})"
         for experiment in diagnosis.experiments[:2]
     ]
-    return lines + [f"  note: {note}" for note in diagnosis.notes[:MAX_VERDICT_NOTES]]
+    return lines + [f"  note: {note}" for note in diagnosis.notes[:_MAX_VERDICT_NOTES]]
 
 
 def format_named_estimate(name: str, estimate: ParameterEstimate) -> str:

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from pamjax.compile.parallel import use_one_blas_thread
-from pamjax.diagnosis.crossval.cross_validated import (
+from pamjax.diagnosis.crossval.confirm_selection import (
     cross_validate_selection,
     format_dropped_mechanisms,
 )
-from pamjax.diagnosis.crossval.gain import compute_gain, select_held_out_rows
+from pamjax.diagnosis.crossval.held_out_errors import compute_held_out_errors, select_held_out_rows
 from pamjax.diagnosis.detect.locate import locate_effects, locate_residual
 from pamjax.diagnosis.detect.residual_test import (
     is_residual_significant,
@@ -23,10 +23,10 @@ from pamjax.diagnosis.detect.residual_test import (
 from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.form_errors.prediction import describe_form_errors, predict_with_form_errors
-from pamjax.diagnosis.identifiability import format_notes
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.next_experiment.experiment import propose_experiments
 from pamjax.diagnosis.noise.sensor_scale import compute_noise_ratios, format_noise_notes
+from pamjax.diagnosis.notes import format_notes
 from pamjax.diagnosis.outside.rival_templates import list_likenesses
 from pamjax.diagnosis.outside.template_context import build_template_context
 from pamjax.diagnosis.outside.templates import Template, build_templates
@@ -46,8 +46,8 @@ from pamjax.diagnosis.select.selection import (
     Selection,
     drop_small_effects,
     format_masked_mechanisms,
-    reduce_certainty,
     select_mechanisms,
+    shrink_to_even_odds,
 )
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.infer.form_errors.parts import FormErrorPart
@@ -186,11 +186,13 @@ def diagnose(
         residual_share=_compute_residual_share(problem, baseline, model),
         noise_ratios=noise_ratios,
         blocks=blocks_of_case,
-        gain=compute_gain(problem, blocks_of_case, held_out_rows, selection.baseline, training_fit),
+        held_out_errors=compute_held_out_errors(
+            problem, blocks_of_case, held_out_rows, selection.baseline, training_fit
+        ),
         parameters=_collect_estimates(problem, model),
         parameter_shifts=_compute_shifts(problem, baseline, model) if selection.named_mechanisms else {},
         notes=[
-            *_list_changes(tested, confirmed),
+            *_list_changes(tested, confirmed, problem.settings),
             *format_noise_notes(noise_ratios, problem.settings.min_reported_noise_ratio),
             *problem.case.warnings,
             *format_notes(problem, baseline, model),
@@ -250,7 +252,7 @@ def _confirm_on_blocks(training: _Training, tested: _TestedSelection) -> _Tested
     unexplained = confirmed.unexplained or not is_predictive
     if unexplained:
         names = selection.named_mechanisms
-        names = reduce_certainty(names, problem.settings, {name.id for name in names})
+        names = shrink_to_even_odds(names, problem.settings, {name.id for name in names})
         selection = replace(selection, named_mechanisms=names)
     return replace(confirmed, selection=selection, unexplained=unexplained)
 
@@ -283,12 +285,14 @@ def _fit_all_rows(problem: LibraryProblem, selection: Selection) -> _FinalFit:
     return _FinalFit(_state_form_errors(selection, form_errors), baseline, model, form_errors)
 
 
-def _list_changes(tested: _TestedSelection, confirmed: _TestedSelection) -> list[str]:
+def _list_changes(
+    tested: _TestedSelection, confirmed: _TestedSelection, settings: DiagnosisSettings
+) -> list[str]:
     """Return the notes on mechanisms that were replaced, dropped or masked."""
     return [
         *confirmed.replacements,
         *format_dropped_mechanisms(tested.selection, confirmed.selection),
-        *format_masked_mechanisms(confirmed.selection),
+        *format_masked_mechanisms(confirmed.selection, settings),
     ]
 
 

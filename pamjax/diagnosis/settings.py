@@ -291,9 +291,9 @@ class DiagnosisSettings:
     min_information_share: float = _crossval(0.05, "share of the information", 0.0, 1.0,
         "Test a parameter on a block if the other blocks have more than this share of its information",
         "more blocks are skipped")
-    unexplained_certainty_share: float = _crossval(0.5, "share of the certainty", 0.0, 1.0,
-        "Reduce the certainty of each mechanism to this share if a part of the misfit is unexplained",
-        "higher probabilities in that case")
+    doubtful_certainty_share: float = _crossval(0.5, "share of the certainty", 0.0, 1.0,
+        "Reduce the certainty of masked effects, or of all if misfit is unexplained, to this share",
+        "higher probabilities in these cases")
     held_out_interval: int = _crossval(5, "count", 2, 1000,
         "Hold out one block in this many",
         "fewer blocks are held out")

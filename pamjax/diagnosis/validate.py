@@ -33,7 +33,7 @@ from pamjax.records.fixed_length import average_fixed_lengths
 from pamjax.units import format_count
 
 #: Rmse over the channel's noise up to which a block counts as fitted: a quarter more than noise.
-MAX_RMSE_NOISE_RATIO = 1.25
+_MAX_RMSE_NOISE_RATIO = 1.25
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class BlockValidation:
 
     @property
     def worst_misfit(self) -> str:
-        """The channel with the largest rmse over noise, in words."""
+        """Return the channel with the largest rmse over noise, in words."""
         worst = max(self.rmse, key=lambda channel: self.rmse[channel] / self.noise[channel])
         return f"{worst} {self.rmse[worst] / self.noise[worst]:.3g} times the noise"
 
@@ -77,7 +77,7 @@ class Validation(NotebookNote):
     def fits_block(self, block: BlockValidation) -> bool:
         """Return whether every channel of a block is predicted to its noise."""
         return all(
-            rmse <= MAX_RMSE_NOISE_RATIO * block.noise[channel] for channel, rmse in block.rmse.items()
+            rmse <= _MAX_RMSE_NOISE_RATIO * block.noise[channel] for channel, rmse in block.rmse.items()
         )
 
     def __str__(self) -> str:
@@ -93,7 +93,7 @@ class Validation(NotebookNote):
             lines.append(f"  {channel}: rmse {rmse:.3g} {unit}, noise {noise:.3g} {unit}")
         good = [block.name for block in self.blocks if self.fits_block(block)]
         count = f"{len(good)} of {len(self.blocks)} blocks"
-        head = f"  {count} are predicted to {MAX_RMSE_NOISE_RATIO} times the noise"
+        head = f"  {count} are predicted to {_MAX_RMSE_NOISE_RATIO} times the noise"
         lines.append(head + (f": {', '.join(good)}" if good else ""))
         missed_blocks = [
             f"{block.name} ({block.worst_misfit})" for block in self.blocks if not self.fits_block(block)

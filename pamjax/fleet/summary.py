@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from pamjax.fleet.frequency import BenchFrequency
 from pamjax.fleet.pooling import MIN_SPECIMENS
 from pamjax.fleet.store import DONE, OPEN, REFUSED, SET_ASIDE
 from pamjax.infer.fitting.report import format_estimate
+from pamjax.text import join_words
 from pamjax.units import compute_si_factor, format_count
 
 #: Largest number of specimens in one sentence about outliers.
@@ -59,12 +60,7 @@ def _format_quiet_result(answers: FleetAnswers) -> str:
 
 def format_copies(copies: tuple[str, ...]) -> str:
     """Return a sentence about cases with identical inputs."""
-    return f"{join_names(copies)} have identical inputs and count as one recording."
-
-
-def join_names(names: Sequence[str]) -> str:
-    """Return names as "a, b and c"."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    return f"{join_words(copies)} have identical inputs and count as one recording."
 
 
 def format_bench_frequency(frequency: BenchFrequency, condition: str) -> Iterator[str]:

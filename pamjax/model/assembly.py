@@ -19,7 +19,7 @@ from pamjax.model.thread import AbstractThread, Inextensible
 from pamjax.parameter import list_field_meanings
 
 #: Thread laws of a bench. It has no toe law, but the mechanism `thread_crimp`.
-BENCH_LAWS = ("inelastic", "elastic")
+_BENCH_LAWS = ("inelastic", "elastic")
 
 
 def assemble(law: str, numbers: Mapping[str, Array]) -> Muscle:
@@ -68,7 +68,7 @@ def _build_thread(
     if issubclass(kind, Inextensible):
         return Inextensible()
     own_numbers = {name.removeprefix("thread."): numbers[name] for name in law_parameters}
-    return kind(**{"stiffness": compute_thread_stiffness(numbers), **own_numbers})
+    return kind(**{"stiffness": _compute_thread_stiffness(numbers), **own_numbers})
 
 
 def resolve_bench_law(law: str, ids: Iterable[str]) -> str:
@@ -77,7 +77,7 @@ def resolve_bench_law(law: str, ids: Iterable[str]) -> str:
     Raises:
         BadInput: if a bench does not have this law.
     """
-    if law not in BENCH_LAWS:
+    if law not in _BENCH_LAWS:
         raise refuse(
             "a model with mechanisms must have the thread law `inelastic` or `elastic`",
             f"{law!r}",
@@ -107,7 +107,7 @@ def assemble_bench(law: str, ids: tuple[str, ...], numbers: Mapping[str, Array])
     """
     length, turns = _read_braid(numbers)
     if law == "elastic":
-        threads = (BraidElasticity(1 / compute_thread_stiffness(numbers)),)
+        threads = (BraidElasticity(1 / _compute_thread_stiffness(numbers)),)
     else:
         # In the bench with all mechanisms, an inelastic braid is an elastic braid with zero compliance.
         threads = tuple(BraidElasticity(numbers[n]) for n in ("braid_elasticity.compliance",) if n in numbers)
@@ -121,7 +121,7 @@ def assemble_bench(law: str, ids: tuple[str, ...], numbers: Mapping[str, Array])
     return Bench(length, turns, threads + others)
 
 
-def compute_thread_stiffness(numbers: Mapping[str, Array]) -> Array:
+def _compute_thread_stiffness(numbers: Mapping[str, Array]) -> Array:
     """Return the pull of all threads at unit strain, n E A, in N, from either set of parameters."""
     if "thread.stiffness" in numbers:
         return numbers["thread.stiffness"]

@@ -23,9 +23,9 @@ where the −1 is *outside* the bracket that K multiplies. Inside the bracket, a
 number would be added to a force. Both equations differ from the printed ones. The errata page has the
 derivation.
 
-At x → 1 the pull of pressure increases with thread length as fast as the load of the thread, so that the
-threads stretch without limit. Such states have no equilibrium: their `Status` is UNSTABLE, and their
-strain is that at `BURST_LOAD_SHARE`, never NaN.
+At x → 1 the pull of pressure increases with thread length as fast as the load of the thread. The threads then
+stretch without limit. Such states have no equilibrium: their `Status` is UNSTABLE, and their strain is that
+at `BURST_LOAD_SHARE`, never NaN.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ from pamjax.parameter import Scalar, parameter
 HISTORY_DEPENDENT = (AbstractMemory, AbstractSlip, AbstractPressureLoss)
 
 #: Rows whose balance is solved together.
-BLOCK_ROWS = 256
+_BLOCK_ROWS = 256
 
 
 class BenchReading(eqx.Module):
@@ -250,20 +250,20 @@ def _map_blocks(function, row_count: Array | None, *rows):
         rows: arrays of shape (n, ...).
     """
     n = len(jax.tree.leaves(rows)[0])
-    blocks = -(-n // BLOCK_ROWS)
+    blocks = -(-n // _BLOCK_ROWS)
     if blocks < 2:
         return function(*rows)
 
     def split(x):
-        filled_rows = jnp.concatenate([x, jnp.broadcast_to(x[-1:], (blocks * BLOCK_ROWS - n, *x.shape[1:]))])
-        return filled_rows.reshape(blocks, BLOCK_ROWS, *x.shape[1:])
+        filled_rows = jnp.concatenate([x, jnp.broadcast_to(x[-1:], (blocks * _BLOCK_ROWS - n, *x.shape[1:]))])
+        return filled_rows.reshape(blocks, _BLOCK_ROWS, *x.shape[1:])
 
     split_rows = jax.tree.map(split, rows)
     if row_count is None:
         results = jax.lax.map(jax.checkpoint(lambda block: function(*block)), split_rows)
     else:
-        results = _map_first_blocks(function, -(-row_count // BLOCK_ROWS), split_rows)
-    joined_rows = jax.tree.map(lambda x: x.reshape(blocks * BLOCK_ROWS, *x.shape[2:])[:n], results)
+        results = _map_first_blocks(function, -(-row_count // _BLOCK_ROWS), split_rows)
+    joined_rows = jax.tree.map(lambda x: x.reshape(blocks * _BLOCK_ROWS, *x.shape[2:])[:n], results)
     return (
         joined_rows if row_count is None else jax.tree.map(lambda x: _repeat_last(x, row_count), joined_rows)
     )

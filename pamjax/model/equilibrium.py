@@ -9,7 +9,7 @@ Newton's method solves these two equations for (T, L). The derivative is implici
 
 Threads do not push. Where W pulls them inwards, contact is lost: T = 0, and the bladder has the radius at
 which its rubber balances the pressure. One unknown x describes both branches: x = T above zero, and the
-*slack* s = −x / (SLACK_PRESSURE_SCALE ∂T/∂P) below zero. The slack reduces the radius:
+*slack* s = −x / (_SLACK_PRESSURE_SCALE ∂T/∂P) below zero. The slack reduces the radius:
 
     R² = R0² / √(1 + s),   B² = L² + (2πN R)²        R0 that of the threads without load
 
@@ -33,18 +33,18 @@ from pamjax.model.barrier import materialize
 from pamjax.parameter import Scalar
 
 #: Maximum number of Newton steps. The first guess of the load is good: two or three steps are usual.
-MAX_NEWTON_STEPS = 8
+_MAX_NEWTON_STEPS = 8
 
 #: Relative Newton step after which one more step ends the iteration. The error before this step is of the
 #: order of the square of the last one, and after it of the fourth power.
 NEWTON_TOLERANCE = 3e-4
 
 #: Pressure, Pa, that scales the unknown of a slack muscle. A bladder resists with 10 to 100 kPa.
-SLACK_PRESSURE_SCALE = 1e5
+_SLACK_PRESSURE_SCALE = 1e5
 
 #: Pressure, Pa, that resists each unit of slack. It is small compared with that of a bladder, and makes
 #: the balance solvable for a muscle without a bladder.
-SLACK_HOLD_PRESSURE = 1.0
+_SLACK_HOLD_PRESSURE = 1.0
 
 Pair = tuple[Array, Array]
 
@@ -89,7 +89,7 @@ class InstantBalance(eqx.Module):
     def thread_length(self, x: Scalar, length: Scalar) -> Array:
         """Return the length of the threads, m: stretched, or that of taut threads around a slack bladder."""
         hoop = braid.hoop_pull(1.0, self.length, self.unloaded_thread, self.bench.turns)
-        slack = jnp.where(x < 0, -x, 0.0) / (SLACK_PRESSURE_SCALE * hoop)
+        slack = jnp.where(x < 0, -x, 0.0) / (_SLACK_PRESSURE_SCALE * hoop)
         taut = self.unloaded_thread * (1 + self.bench.strain(jnp.where(x < 0, 0.0, x)))
         squared_difference = (self.unloaded_thread - length) * (self.unloaded_thread + length)
         return jnp.where(x < 0, jnp.sqrt(length**2 + squared_difference / jnp.sqrt(1 + slack)), taut)
@@ -98,14 +98,14 @@ class InstantBalance(eqx.Module):
         """Return tension and pull on all threads, N; a negative pull means that the braid is slack."""
         _, (stored, volume) = _differentiate_energy(self.bench, length, thread)
         force = stored[0] - self.pressure * volume[0] + self.memory_loads[0]
-        outward_pull = inflating_pressure(self.pressure) * volume[1] - stored[1]
+        outward_pull = _inflating_pressure(self.pressure) * volume[1] - stored[1]
         lower_limit = jnp.minimum(self.contact_pull, 0.0) - jnp.maximum(outward_pull, 0.0)
         return force, outward_pull + jnp.maximum(self.memory_loads[1], lower_limit)
 
     def compute_errors(self, x: Scalar, length: Scalar) -> tuple[Array, Array, Array]:
         """Return the errors of both balances, N and m, and the tension, N, at x (N) and a true length (m)."""
         force, pull = self.force_and_pull(self.thread_length(x, length), length)
-        load = jnp.where(x < 0, SLACK_HOLD_PRESSURE / SLACK_PRESSURE_SCALE, 1.0) * x
+        load = jnp.where(x < 0, _SLACK_HOLD_PRESSURE / _SLACK_PRESSURE_SCALE, 1.0) * x
         return load - pull, length + self.bench.deflection(force) - self.length, force
 
 
@@ -144,11 +144,11 @@ def build_instant_balance(
         length,
         unloaded_thread,
         memory_loads,
-        inflating_pressure(pressure) * volume_slopes[1] - energy_slopes[1],
+        _inflating_pressure(pressure) * volume_slopes[1] - energy_slopes[1],
     )
 
 
-def inflating_pressure(pressure: Scalar) -> Array:
+def _inflating_pressure(pressure: Scalar) -> Array:
     """Return the pressure that pushes the threads outwards, Pa.
 
     A negative pressure does not push: it is an offset of the gauge, or the tube has collapsed.
@@ -163,7 +163,7 @@ def solve_balance(balance: InstantBalance) -> Equilibrium:
     def is_running(carry):
         # The step after the first small one is also done: its error is of the fourth power.
         _, previous_step, count = carry
-        return (jnp.max(previous_step) > NEWTON_TOLERANCE) & (count < MAX_NEWTON_STEPS)
+        return (jnp.max(previous_step) > NEWTON_TOLERANCE) & (count < _MAX_NEWTON_STEPS)
 
     def iterate(carry):
         solution, _, count = carry

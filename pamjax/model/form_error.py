@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-VARIABLES = ("pressure", "length", "force", "direction", "speed", "time")
+_VARIABLES = ("pressure", "length", "force", "direction", "speed", "time")
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 A recording is a sequence of samples with gaps where the rig was moved. Memory continues across a gap, unless
 a restart is stated. A rate is never computed across a gap. Before the first sample the muscle is assumed to
-rest in the state of that sample or, if stated, to have performed the same recording once.
+rest in the state of that sample. If stated, it has performed the same recording once instead.
 
 Neglects: corners of strokes with five samples or fewer, across which the rate is computed.
 """
@@ -18,13 +18,13 @@ from jaxtyping import Array, Bool, Float, Int
 from pamjax.parameter import Scalar
 
 #: Residual of a straight line, over its median, above which a signal has a corner.
-CORNER_RATIO = 6.0
+_CORNER_RATIO = 6.0
 #: Share of a channel's range below which differences are rounding, not noise.
-ROUNDING_SHARE = 1e-6
+_ROUNDING_SHARE = 1e-6
 #: Share of a channel's range below which an isolated step is the resolution of the channel.
-RESOLUTION_SHARE = 0.02
+_RESOLUTION_SHARE = 0.02
 #: Residual of a straight line, over its median, above which one side of a sample is curved.
-BEND_RATIO = 3.0
+_BEND_RATIO = 3.0
 
 #: A rate is the slope of a straight line through a sample and this many neighbours on each side.
 RATE_HALF_WIDTH = 2
@@ -114,7 +114,7 @@ class History(eqx.Module):
 
 def build_time_history(
     time: np.ndarray | None,
-    starts: np.ndarray,
+    is_run_start: np.ndarray,
     *,
     restart: bool = False,
     settled: bool = False,
@@ -126,7 +126,7 @@ def build_time_history(
 
     Args:
         time: (n,) s, increasing; None for a static map, which has no memory.
-        starts: (n,) whether a continuous run begins at this sample.
+        is_run_start: (n,) whether a continuous run begins at this sample.
         restart: whether memory restarts at every run, rather than only at the first sample.
         settled: whether the muscle performed the same recording once before.
         stroke_channels: (k, n) channels that may have strokes, in any unit. No rate is computed across
@@ -134,20 +134,22 @@ def build_time_history(
         size: length to pad to; padded samples repeat the last one.
         compute_padding: whether padded samples are computed; otherwise they repeat the last result.
     """
-    n = starts.size
+    n = is_run_start.size
     size = size or n
     clock = np.zeros(n) if time is None else np.asarray(time, dtype=float)
-    run = np.cumsum(starts)
-    begin, end = (np.searchsorted(run, run, side=side) for side in ("left", "right"))
+    run_number = np.cumsum(is_run_start)
+    begin, end = (np.searchsorted(run_number, run_number, side=side) for side in ("left", "right"))
     row = np.arange(n)
     first = np.zeros(n, dtype=bool)
     first[:1] = True
-    restarts = np.ones(n, dtype=bool) if time is None else (starts | first if restart else first)
+    restarts = np.ones(n, dtype=bool) if time is None else (is_run_start | first if restart else first)
     return History(
         time=jnp.asarray(_pad_rows(clock, size, clock[-1] if n else 0.0)),
         step=jnp.asarray(_pad_rows(np.diff(clock, prepend=clock[:1]), size, 0.0)),
         restart=jnp.asarray(_pad_rows(restarts, size, time is None)),
-        rate_weights=jnp.asarray(_pad_rows(_compute_rate_weights(clock, run, stroke_channels), size, 0.0)),
+        rate_weights=jnp.asarray(
+            _pad_rows(_compute_rate_weights(clock, run_number, stroke_channels), size, 0.0)
+        ),
         first=jnp.asarray(_pad_rows(row if time is None else begin, size, max(n - 1, 0))),
         last=jnp.asarray(_pad_rows(row if time is None else end - 1, size, max(n - 1, 0))),
         settled=settled,
@@ -161,7 +163,7 @@ def _compute_once(values: Array) -> Array:
 
 
 def _compute_rate_weights(
-    clock: np.ndarray, run: np.ndarray, stroke_channels: np.ndarray | None = None
+    clock: np.ndarray, run_number: np.ndarray, stroke_channels: np.ndarray | None = None
 ) -> np.ndarray:
     """Return the weights of the least-squares slope of a sample and its neighbours in the same run.
 
@@ -171,7 +173,7 @@ def _compute_rate_weights(
     neighbours = np.clip(
         np.arange(n)[:, None] + np.arange(-RATE_HALF_WIDTH, RATE_HALF_WIDTH + 1), 0, max(n - 1, 0)
     )
-    same_run = (run[neighbours] == run[:, None]) & (
+    same_run = (run_number[neighbours] == run_number[:, None]) & (
         neighbours == np.arange(n)[:, None] + np.arange(-RATE_HALF_WIDTH, RATE_HALF_WIDTH + 1)
     )
     two_sided = _slope_weights(clock, neighbours, same_run)
@@ -193,9 +195,9 @@ def _compute_rate_weights(
     side = 1 + np.argmin(misfit[1:], axis=0)
     straight_misfit, curved_misfit = misfit[1:].min(axis=0), misfit[1:].max(axis=0)
     corner = (
-        (misfit[0] > CORNER_RATIO)
+        (misfit[0] > _CORNER_RATIO)
         & (straight_misfit < misfit[0] / 2)
-        & (curved_misfit > np.maximum(BEND_RATIO, 2 * straight_misfit))
+        & (curved_misfit > np.maximum(_BEND_RATIO, 2 * straight_misfit))
     )
     return np.where(corner[:, None], np.where((side == 1)[:, None], lines[1], lines[2]), two_sided)
 
@@ -217,7 +219,7 @@ def _compute_line_misfit(clock, stroke_channels, neighbours, lines) -> np.ndarra
                 ]
             )
             total += (
-                misfit / max(_finite_median(misfit[0]), ROUNDING_SHARE * span, _estimate_resolution(channel))
+                misfit / max(_finite_median(misfit[0]), _ROUNDING_SHARE * span, _estimate_resolution(channel))
             ) ** 2
     misfit = np.sqrt(total)
     return misfit / max(_finite_median(misfit[0]), 1.0)
@@ -230,7 +232,7 @@ def _estimate_resolution(channel: np.ndarray) -> float:
         (step[1:-1] > 0)
         & (step[:-2] == 0)
         & (step[2:] == 0)
-        & (step[1:-1] < RESOLUTION_SHARE * np.ptp(channel))
+        & (step[1:-1] < _RESOLUTION_SHARE * np.ptp(channel))
     )
     return float(np.median(step[1:-1][is_isolated])) if is_isolated.any() else 0.0
 

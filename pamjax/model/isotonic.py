@@ -14,13 +14,13 @@ and the length is measured. One step of Newton's method from the measured length
 The measured length is the input of the memories. In a loop, the direction of friction is thus that of the
 measured motion, and no equation with memory must be solved.
 
-Limits: the error of the step is about (L̂ − L)² F″ / (2 K), that is (L̂ − L)² / (2 L) for a bare braid: 5 µm
-for a misfit of 1 mm at 100 mm. Noise of the length reaches the prediction only through the memories.
+Limits: the error of the step is about (L̂ − L)² F″ / (2 K). For a bare braid that is (L̂ − L)² / (2 L), or
+5 µm for a misfit of 1 mm at 100 mm. Noise of the length reaches the prediction only through the memories.
 Neglects: the stiffness of friction before it slides. A muscle without pressure has no stiffness: there K is
 at least `MIN_STIFFNESS`, and the prediction has no meaning.
-Source: Newton's method; derived here. K is a central difference of fourth order: it compiles in half of
-the time of an exact derivative, and its error is about 1e-10 of K. Within 0.2 % of the length at which the
-force has a corner, K is a mean of both sides.
+Source: Newton's method; derived here. K is a central difference of fourth order, with an error of about 1e-10
+of K. It compiles in half of the time of an exact derivative. Within 0.2 % of the length at which the force
+has a corner, K is a mean of both sides.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ from pamjax.model.muscle import Muscle
 MIN_STIFFNESS = 1.0
 
 #: Central difference of fourth order: step as a share of the length, its multiples and their weights.
-DIFFERENCE_SHARE = 1e-3
-DIFFERENCE_STEPS, DIFFERENCE_WEIGHTS = (-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)
+_DIFFERENCE_SHARE = 1e-3
+_DIFFERENCE_STEPS, _DIFFERENCE_WEIGHTS = (-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)
 
 #: A simulated length is solved if Newton's step is below this share of it; largest number of steps.
-LENGTH_TOLERANCE, MAX_LENGTH_STEPS = 1e-9, 400
+_LENGTH_TOLERANCE, _MAX_LENGTH_STEPS = 1e-9, 400
 #: Largest step of the length, relative to the length, and growth of the damping if the steps do not decrease.
-MAX_STEP_SHARE, DAMPING_GROWTH = 0.1, 1.5
+_MAX_STEP_SHARE, _DAMPING_GROWTH = 0.1, 1.5
 
 
 class LengthReading(eqx.Module):
@@ -98,9 +98,9 @@ def compute_stiffness(muscle: Muscle | Bench, pressure: Samples, length: Samples
         return remove_memories(muscle)(pressure, x, history).force
 
     # All lengths change alike: a delay of the force channel mixes rows.
-    offsets = DIFFERENCE_SHARE * length * jnp.array(DIFFERENCE_STEPS)[:, None]
+    offsets = _DIFFERENCE_SHARE * length * jnp.array(_DIFFERENCE_STEPS)[:, None]
     forces = jax.vmap(compute_force)(length + offsets)
-    stiffness = jnp.array(DIFFERENCE_WEIGHTS) @ forces / (DIFFERENCE_SHARE * length)
+    stiffness = jnp.array(_DIFFERENCE_WEIGHTS) @ forces / (_DIFFERENCE_SHARE * length)
     return jnp.where(stiffness > MIN_STIFFNESS, stiffness, MIN_STIFFNESS)
 
 
@@ -109,8 +109,8 @@ def solve_lengths(
 ) -> tuple[LengthReading, Array]:
     """Return the readings of a muscle at a set force, and whether each length is solved, (n,) bool.
 
-    Repeats the step of `predict_length` from its own result, with more damping in a row whose step increases:
-    friction before it slides is stiffer than K.
+    Repeats the step of `predict_length` from its own result, with more damping in a row whose step increases.
+    The reason is friction before it slides, which is stiffer than K.
 
     Args:
         muscle: the muscle, or a bench with the muscle.
@@ -122,17 +122,17 @@ def solve_lengths(
     pressure, length, set_force = (jnp.asarray(x, float) for x in (pressure, start, set_force))
     damping, previous_size = jnp.ones_like(length), jnp.full_like(length, jnp.inf)
     reading, step = None, jnp.zeros_like(length)
-    for _ in range(MAX_LENGTH_STEPS):
+    for _ in range(_MAX_LENGTH_STEPS):
         reading = _step_length(muscle, pressure, length, set_force, history)
-        limit = MAX_STEP_SHARE * length
+        limit = _MAX_STEP_SHARE * length
         step = jnp.clip(jnp.nan_to_num(reading.length - length), -limit, limit)
         size = jnp.abs(step / length)
-        if jnp.max(size) < LENGTH_TOLERANCE:
+        if jnp.max(size) < _LENGTH_TOLERANCE:
             break
-        damping = jnp.where(size > previous_size, damping * DAMPING_GROWTH, damping)
+        damping = jnp.where(size > previous_size, damping * _DAMPING_GROWTH, damping)
         previous_size, length = size, length + step / damping
     assert reading is not None
-    is_solved = (jnp.abs(step / length) < LENGTH_TOLERANCE) & (reading.status == int(Status.OK))
+    is_solved = (jnp.abs(step / length) < _LENGTH_TOLERANCE) & (reading.status == int(Status.OK))
     return reading, is_solved
 
 

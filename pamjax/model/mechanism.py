@@ -15,8 +15,9 @@ its parameters are neutral: `Mechanism()` has no effect. Each mechanism is of on
     AbstractRigCompliance     deflection(force)         deflection of the rig, m       summed
 
 A memory has a generalised strain e(state) and a stress s, computed from earlier samples and constant during
-the balance. s · e is added to the potential, whose derivatives are force and thread load. The work over a
-closed path is ∮ s de. A stress that dissipates energy on its strain thus dissipates energy of the muscle.
+the balance. The product s · e is added to the potential, whose derivatives are force and thread load. The
+work over a closed path is ∮ s de. A stress that dissipates energy on its strain thus dissipates energy of the
+muscle.
 """
 
 from __future__ import annotations
@@ -82,6 +83,10 @@ class AbstractMechanism(eqx.Module):
     about: eqx.AbstractClassVar[Description]
     #: Where the equation may be inexact; exact without.
     form_error: ClassVar[FormError] = FormError()
+    #: Whether its effect depends on time. A static map cannot test it.
+    needs_time: ClassVar[bool] = False
+    #: Whether its effect at a sample depends on pressure or length at other samples.
+    mixes_samples: ClassVar[bool] = False
 
 
 class AbstractShape(AbstractMechanism):
@@ -119,6 +124,9 @@ class AbstractThreadCompliance(AbstractMechanism):
 class AbstractMemory(AbstractMechanism):
     """A stress that depends on earlier samples, on strains that the mechanism defines."""
 
+    needs_time: ClassVar[bool] = True
+    mixes_samples: ClassVar[bool] = True
+
     @abc.abstractmethod
     def strains(self, state: State, pressure: Scalar) -> Float[Array, "k ..."]:
         """Return the k strains at one instant or at many, in units for which stress × strain is in J."""
@@ -130,6 +138,9 @@ class AbstractMemory(AbstractMechanism):
 
 class AbstractSlip(AbstractMechanism):
     """A permanent extension of the threads."""
+
+    needs_time: ClassVar[bool] = True
+    mixes_samples: ClassVar[bool] = True
 
     @abc.abstractmethod
     def extension(self, history: History, past: Past) -> Samples:

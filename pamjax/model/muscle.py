@@ -25,11 +25,11 @@ from pamjax.model.thread import AbstractThread, Inextensible, LinearThread
 from pamjax.parameter import Scalar, parameter
 
 #: Balance residual, relative to the pull, above which a state counts as not solved.
-PULL_TOLERANCE = 1e-9
+_PULL_TOLERANCE = 1e-9
 #: Number of states that fit into a processor's cache with the intermediate results of their derivatives.
 CACHE_BLOCK_STATES = 8192
 #: Minimum thread strain whose load scales the balance residual.
-PULL_SCALE_STRAIN = 1e-6
+_PULL_SCALE_STRAIN = 1e-6
 
 
 class MuscleReading(eqx.Module):
@@ -131,8 +131,8 @@ class Muscle(eqx.Module):
             return thread.load(strain) - self.pull(length, strain, pressure)
 
         root = solve_strain(residual, start, thread.newton_steps + 4 * bool(self.terms))
-        scale = jnp.maximum(unstrained_pull, PULL_SCALE_STRAIN * thread.stiffness)
-        is_solved = jnp.abs(residual(root)) <= PULL_TOLERANCE * scale
+        scale = jnp.maximum(unstrained_pull, _PULL_SCALE_STRAIN * thread.stiffness)
+        is_solved = jnp.abs(residual(root)) <= _PULL_TOLERANCE * scale
         status = jnp.where(is_solved | ~is_pulled, int(Status.OK), int(Status.NOT_CONVERGED))
         return jnp.where(is_pulled, root, 0.0), jnp.where(stable, status, int(Status.UNSTABLE))
 

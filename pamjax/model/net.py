@@ -8,8 +8,8 @@ and volumes in B³/(4πN²):
     f    force over pressure, in π (B/ν)²
 
 The triangle relation holds at every crossing, so that a meridian of slope r' = dr/dl along its thread has
-z'² = 1 − ρ² − (ρ'/ν)². The volume ∫ρ² z' dl is the maximum at this λ. c is the radius in the middle of a very
-long muscle, with m = c², σ² = 1 − m, u = m − ρ². The first integral of the maximum is
+z'² = 1 − ρ² − (ρ'/ν)². The volume ∫ρ² z' dl is the maximum at this λ. The number c is the radius in the
+middle of a very long muscle, with m = c², σ² = 1 − m, u = m − ρ². The first integral of the maximum is
 
     f = 2 − 3m       z' = σ + u (σ² − u) / 2σ³       ρ' = ν u √g / 2σ³       g = (σ² + u)(3σ² − u)
 
@@ -46,16 +46,16 @@ from jaxtyping import Array
 from pamjax.parameter import Scalar
 
 #: Nodes of the integrals.
-GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(10)
+_GAUSS_NODES, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(10)
 
 #: Number of Newton steps for the middle, and the step in σ of their numerical slope.
-MIDDLE_NEWTON_STEPS, SINE_STEP = 6, 1e-5
+_MIDDLE_NEWTON_STEPS, _SINE_STEP = 6, 1e-5
 
 #: Minimum and maximum radius of the fittings over the largest radius of the braid.
-MIN_FITTING_RATIO, MAX_FITTING_RATIO = 0.02, 0.95
+_MIN_FITTING_RATIO, _MAX_FITTING_RATIO = 0.02, 0.95
 
 #: Minimum slope of λ in σ. The net of a very short muscle may fold.
-MIN_LENGTH_SLOPE = 0.1
+_MIN_LENGTH_SLOPE = 0.1
 
 
 class Net(NamedTuple):
@@ -73,7 +73,7 @@ def solve_net(length: Scalar, thread: Scalar, turns: Scalar, fitting: Scalar) ->
     the force of the last valid one.
     """
     nu = 2 * jnp.pi * turns
-    edge = jnp.clip(nu * fitting / thread, MIN_FITTING_RATIO, MAX_FITTING_RATIO)
+    edge = jnp.clip(nu * fitting / thread, _MIN_FITTING_RATIO, _MAX_FITTING_RATIO)
     sine = _solve_middle_sine(length / thread, edge, nu)
     profile = _Profile(sine, edge, nu)
     unit = thread / nu
@@ -95,15 +95,17 @@ def _solve_middle_sine(length: Scalar, edge: Scalar, nu: Scalar) -> Array:
 
     def compute_error_and_slope(sine):
         below, length_at_sine, above = jax.vmap(lambda s: scaled_length(s, *constants[1:]))(
-            sine + SINE_STEP * jnp.arange(-1.0, 2.0)
+            sine + _SINE_STEP * jnp.arange(-1.0, 2.0)
         )
-        return length_at_sine - constants[0], jnp.maximum((above - below) / (2 * SINE_STEP), MIN_LENGTH_SLOPE)
+        return length_at_sine - constants[0], jnp.maximum(
+            (above - below) / (2 * _SINE_STEP), _MIN_LENGTH_SLOPE
+        )
 
     def step(_, sine):
         error, slope = compute_error_and_slope(sine)
         return jnp.clip(sine - error / slope, low, high)
 
-    sine = jax.lax.fori_loop(0, MIDDLE_NEWTON_STEPS, step, jnp.clip(constants[0], low, high))
+    sine = jax.lax.fori_loop(0, _MIDDLE_NEWTON_STEPS, step, jnp.clip(constants[0], low, high))
     sine = jax.lax.stop_gradient(sine)
     # The value has converged. One more step with the known slope gives σ its first derivative. V is
     # stationary in σ, so that its first three derivatives are then correct.
@@ -131,12 +133,12 @@ class _Profile:
         self.top = jnp.sqrt(self.square)
         self.edge = edge
         self.half_range = 0.5 * (self.top - edge)
-        self.radius = edge + self.half_range * (1 + GAUSS_NODES)
+        self.radius = edge + self.half_range * (1 + _GAUSS_NODES)
         self.below = (self.top - self.radius) * (self.top + self.radius)
         self.covariance_root = jnp.sqrt((sine**2 + self.below) * (3 * sine**2 - self.below))
 
     def integrate_both_ends(self, integrand: Array) -> Array:
-        return 2 / self.nu * self.half_range * jnp.sum(GAUSS_WEIGHTS * integrand)
+        return 2 / self.nu * self.half_range * jnp.sum(_GAUSS_WEIGHTS * integrand)
 
     def length(self) -> Array:
         """Return λ of a very long muscle."""
@@ -159,6 +161,6 @@ class _Profile:
         divisor = self.covariance_root * (
             jnp.sqrt(3.0) * self.top * squared + self.radius * self.covariance_root
         )
-        log = 2 * self.half_range * jnp.sum(GAUSS_WEIGHTS * regular / divisor)
+        log = 2 * self.half_range * jnp.sum(_GAUSS_WEIGHTS * regular / divisor)
         at_edge = (self.top - self.edge) * (self.top + self.edge)
         return at_edge * jnp.exp(log), jnp.sqrt(3.0) * self.nu * self.top / self.sine

@@ -28,22 +28,22 @@ from pamjax.model.net import Net, scaled_length, solve_net
 from pamjax.parameter import Scalar
 
 #: Number of coefficients in x and y. The error of the paper's muscle is then below 0.1 N at 689 kPa.
-COEFFICIENT_COUNTS = (20, 5)
+_COEFFICIENT_COUNTS = (20, 5)
 
 #: Maximum x, a little beyond free contraction (0.816).
-MAX_WIDTH = 0.86
+_MAX_WIDTH = 0.86
 
 #: Mid radius of the longest net over the fitting's radius. `net.py` is not valid below about 0.6.
-MIN_MIDDLE_RATIO = 0.72
+_MIN_MIDDLE_RATIO = 0.72
 
 #: Minimum and maximum y.
-MIN_STRETCH_RATIO, MAX_STRETCH_RATIO = 0.75, 1.02
+_MIN_STRETCH_RATIO, _MAX_STRETCH_RATIO = 0.75, 1.02
 
 #: Share of the range, at either end, over which x approaches a constant.
-EDGE_MARGIN = 0.04
+_EDGE_MARGIN = 0.04
 
 #: Order of the tabulated derivatives: force, its first derivatives, and its second ones.
-DERIVATIVE_ORDER = 3
+_DERIVATIVE_ORDER = 3
 
 
 class NetTable(eqx.Module):
@@ -56,7 +56,7 @@ class NetTable(eqx.Module):
         middle: middle of the range of x.
         half_range: half of the range of x.
         coefficients: coefficients of the derivatives by x (first index) of volume, mean radius and mid radius
-            (second), for powers of y − 1 (third) and of x scaled to −1 to 1 (last).
+            (second). The third index is the power of y − 1, the last that of x scaled to −1 to 1.
         parameter_slopes: derivatives of the coefficients by `net_parameters`.
     """
 
@@ -84,9 +84,9 @@ class NetTable(eqx.Module):
     def scaled_width(self, length: Scalar, thread: Scalar) -> Array:
         """Return x scaled to −1 to 1, with a smooth limit at either end."""
         x = (_relative_width(length, thread) - self.middle) / self.half_range
-        beyond = jnp.maximum(jnp.abs(x) - (1 - 2 * EDGE_MARGIN), 0.0) / (2 * EDGE_MARGIN)
+        beyond = jnp.maximum(jnp.abs(x) - (1 - 2 * _EDGE_MARGIN), 0.0) / (2 * _EDGE_MARGIN)
         excess = beyond - beyond / jnp.sqrt(jnp.sqrt(1 + beyond**4))
-        return x - 2 * EDGE_MARGIN * jnp.sign(x) * excess
+        return x - 2 * _EDGE_MARGIN * jnp.sign(x) * excess
 
 
 @jax.custom_jvp
@@ -172,23 +172,23 @@ def tabulate_net(thread: Scalar, turns: Scalar, fitting: Scalar) -> NetTable:
     )(jnp.eye(2))
     coefficients, parameter_slopes = jax.lax.stop_gradient((coefficients, parameter_slopes))
     parameter_slopes = jnp.stack(
-        [_stack_derivatives(slopes, DERIVATIVE_ORDER - 1) for slopes in parameter_slopes]
+        [_stack_derivatives(slopes, _DERIVATIVE_ORDER - 1) for slopes in parameter_slopes]
     )
-    half_range = 0.5 * (MAX_WIDTH - low)
+    half_range = 0.5 * (_MAX_WIDTH - low)
     return NetTable(
         thread,
         turns,
         net_parameters,
         low + half_range,
         half_range,
-        _stack_derivatives(coefficients, DERIVATIVE_ORDER),
+        _stack_derivatives(coefficients, _DERIVATIVE_ORDER),
         parameter_slopes,
     )
 
 
 def _lowest_width(edge: Array, nu: Array) -> Array:
     """Return x of the longest net in the table."""
-    sine = jnp.sqrt(1 - (MIN_MIDDLE_RATIO * edge) ** 2)
+    sine = jnp.sqrt(1 - (_MIN_MIDDLE_RATIO * edge) ** 2)
     low = jnp.sqrt(jnp.maximum(1 - scaled_length(sine, edge, nu) ** 2, 0.01 * edge**2))
     return jnp.clip(low, 0.5 * edge, edge)
 
@@ -196,9 +196,9 @@ def _lowest_width(edge: Array, nu: Array) -> Array:
 def _fit_coefficients(net_parameters: Float[Array, " 2"]) -> Float[Array, "3 j i"]:
     edge, nu = net_parameters
     low = _lowest_width(edge, nu)
-    (at_x, to_x), (at_y, to_y) = (_chebyshev_nodes(size) for size in COEFFICIENT_COUNTS)
-    x = low + 0.5 * (MAX_WIDTH - low) * (at_x + 1)
-    y = MIN_STRETCH_RATIO + 0.5 * (MAX_STRETCH_RATIO - MIN_STRETCH_RATIO) * (at_y + 1)
+    (at_x, to_x), (at_y, to_y) = (_chebyshev_nodes(size) for size in _COEFFICIENT_COUNTS)
+    x = low + 0.5 * (_MAX_WIDTH - low) * (at_x + 1)
+    y = _MIN_STRETCH_RATIO + 0.5 * (_MAX_STRETCH_RATIO - _MIN_STRETCH_RATIO) * (at_y + 1)
 
     def compute_difference(x, y):
         """Return the difference in units in which the thread length is ν, so that radii are ρ."""
@@ -208,8 +208,8 @@ def _fit_coefficients(net_parameters: Float[Array, " 2"]) -> Float[Array, "3 j i
 
     values = jax.vmap(lambda x: jax.vmap(lambda y: compute_difference(x, y))(y))(x)
     in_x, in_y = (
-        _chebyshev_to_powers(COEFFICIENT_COUNTS[0]) @ to_x,
-        _chebyshev_to_powers(COEFFICIENT_COUNTS[1], MIN_STRETCH_RATIO, MAX_STRETCH_RATIO) @ to_y,
+        _chebyshev_to_powers(_COEFFICIENT_COUNTS[0]) @ to_x,
+        _chebyshev_to_powers(_COEFFICIENT_COUNTS[1], _MIN_STRETCH_RATIO, _MAX_STRETCH_RATIO) @ to_y,
     )
     return jnp.einsum("ip,pqk,jq->kji", in_x, values, in_y)
 
@@ -218,7 +218,7 @@ def _stack_derivatives(coefficients: Float[Array, "3 j i"], order: int) -> Float
     """Return the coefficients and those of the derivatives by x up to an order."""
     derivatives = [coefficients]
     for _ in range(order):
-        slope = derivatives[-1][..., 1:] * np.arange(1, COEFFICIENT_COUNTS[0])
+        slope = derivatives[-1][..., 1:] * np.arange(1, _COEFFICIENT_COUNTS[0])
         derivatives.append(jnp.concatenate([slope, jnp.zeros_like(slope[..., :1])], axis=-1))
     return jnp.stack(derivatives)
 

@@ -1,8 +1,8 @@
 """All parameters of a muscle, by their names in muscle.toml, in reports and in `pamjax explain`.
 
-A parameter is declared once, on its class. Parameters that a laboratory states in another form than the
-model are declared here: modulus and thread count instead of their product, angle and diameter instead of
-thread length and turns. `assembly.py` builds a muscle from named parameters.
+A parameter is declared once, on its class. Parameters that a laboratory states in another form than the model
+are declared here. Examples are modulus and thread count instead of their product, or angle and diameter
+instead of thread length and turns. `assembly.py` builds a muscle from named parameters.
 """
 
 from __future__ import annotations

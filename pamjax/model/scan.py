@@ -20,7 +20,7 @@ Rows = Float[Array, "n *k"]
 Map = TypeVar("Map")
 
 
-def compose_maps(join: Callable[[Map, Map], Map], maps: Map, size: int = 0) -> Map:
+def _compose_maps(join: Callable[[Map, Map], Map], maps: Map, size: int = 0) -> Map:
     """Return the composition of each map with all maps before it, along the first axis.
 
     Args:
@@ -67,7 +67,7 @@ def _running_max(values: Array, restarts: Array) -> Array:
         (first, before), (second, restarts) = a, b
         return jnp.where(restarts, second, jnp.maximum(first, second)), before | restarts
 
-    return compose_maps(join, (values, restarts))[0]
+    return _compose_maps(join, (values, restarts))[0]
 
 
 @_running_max.defjvp
@@ -94,7 +94,7 @@ def _compute_relaxed(increments: Array, decay: Array) -> Array:
     def join(first, second):
         return second[0] * first[0], second[0] * first[1] + second[1]
 
-    return compose_maps(join, (decay, increments))[1]
+    return _compose_maps(join, (decay, increments))[1]
 
 
 _relax_states = jax.custom_jvp(_compute_relaxed)
@@ -121,7 +121,7 @@ def apply_stop_operator(
 
     The limit `low` is −width unless it is given. This is the stop operator, the element of rate-independent
     friction: an elastic deflection that slips at its limits. Compositions of maps s → clip(s + a, low, high)
-    have the same form: the shifts add, and the limits of the first are shifted and clipped by the second.
+    have the same form. The shifts add, and the limits of the first are shifted and clipped by the second.
     """
     high, low, start = jnp.broadcast_arrays(width, -width if low is None else low, jnp.asarray(start))
     return _apply_stop_operator(displacements, stiffness, low, high, start, restart)
@@ -139,7 +139,7 @@ def _apply_stop_operator(
         (a1, l1, h1), (a2, l2, h2) = first, second
         return a1 + a2, jnp.clip(l1 + a2, l2, h2), jnp.clip(h1 + a2, l2, h2)
 
-    a, low, high = compose_maps(join, (shift, low, high))
+    a, low, high = _compose_maps(join, (shift, low, high))
     return jnp.clip(a, low, high)
 
 
@@ -156,7 +156,7 @@ def _apply_stop_operator_jvp(primals, tangents):
     limit_dot = jnp.where(s > 0, high_dot, jnp.where(s < 0, low_dot, 0.0))
 
     def path(displacements):
-        return _broadcast_flags(compose_maps(jnp.add, displacements), high)
+        return _broadcast_flags(_compose_maps(jnp.add, displacements), high)
 
     total = stiffness * path(displacements_dot) + stiffness_dot * path(displacements)
     # A stop that has not slipped yet depends on its start; without a restart it starts at zero.
@@ -167,7 +167,7 @@ def _apply_stop_operator_jvp(primals, tangents):
 def _carry_last(values: Array, is_new: Array) -> Array:
     """Return the value at the latest row that is new; zero before the first."""
     row = jnp.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1))
-    last = compose_maps(jnp.maximum, jnp.where(is_new, row, -1))
+    last = _compose_maps(jnp.maximum, jnp.where(is_new, row, -1))
     carried_values = jnp.take_along_axis(values, jnp.maximum(last, 0), axis=0)
     return jnp.where(last >= 0, carried_values, 0.0)
 

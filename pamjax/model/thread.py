@@ -28,8 +28,8 @@ from pamjax.parameter import Scalar, parameter
 
 _ROOT_TAU = math.sqrt(2 * math.pi)
 
-STIFFNESS_SOURCE = "wide range: aramid to nylon yarns, 1 to 150 GPa, and braids of 20 to 500 threads"
-CRIMP_SOURCE = (
+_STIFFNESS_SOURCE = "wide range: aramid to nylon yarns, 1 to 150 GPa, and braids of 20 to 500 threads"
+_CRIMP_SOURCE = (
     "crimp of Kevlar-49 fabric ends at 0.25 to 0.65 % strain (Zhu et al., Compos. Sci. Technol. 74, 2013)"
 )
 
@@ -42,7 +42,7 @@ def _declare_stiffness() -> Scalar:
         high=1e9,
         scale="log",
         about="pull of all threads together at unit strain, n E A",
-        source=STIFFNESS_SOURCE,
+        source=_STIFFNESS_SOURCE,
     )
 
 
@@ -65,7 +65,7 @@ class AbstractThread(eqx.Module):
     @property
     @abc.abstractmethod
     def slack_strain(self) -> Array:
-        """Strain at which the straight line at the end of the curve, extrapolated back, has zero load."""
+        """Return the strain at which the extrapolated straight line at the end of the curve has zero load."""
 
     @abc.abstractmethod
     def energy(self, strain: Scalar) -> Array:
@@ -122,7 +122,7 @@ class SmoothToe(AbstractThread):
         w  width       1   strain over which the corner is rounded
 
     A softplus is a common alternative. With the same gap at the corner its load differs by less than
-    0.08 w S, but it needs an exponential and a logarithm in every Newton step. With a hyperbola the balance
+    0.08 w S. But it needs an exponential and a logarithm in every Newton step. With a hyperbola the balance
     without other terms is a quadratic equation, and one Newton step is enough.
 
     Neglects: a toe whose own slope changes much (use `RecruitmentToe`). The rounding decreases
@@ -142,7 +142,7 @@ class SmoothToe(AbstractThread):
         low=0.0,
         high=0.015,
         about="strain at which the threads are straight",
-        source=CRIMP_SOURCE,
+        source=_CRIMP_SOURCE,
     )
     width: Scalar = parameter(
         "1", show="%", low=1e-5, high=5e-3, scale="log", source="of the order of the crimp itself",
@@ -197,7 +197,7 @@ class ExponentialToe(AbstractThread):
     stiffness: Scalar = _declare_stiffness()
     crimp: Scalar = parameter(
         "1", show="%", low=0.0, high=0.015, neutral=0.0, about="strain at which the threads are straight",
-        source=CRIMP_SOURCE,
+        source=_CRIMP_SOURCE,
     )  # fmt: skip
     curvature: Scalar = parameter(
         "1", low=10.0, high=3000.0, scale="log", about="growth of the toe's slope for a unit strain",
@@ -245,7 +245,7 @@ class RecruitmentToe(AbstractThread):
 
     stiffness: Scalar = _declare_stiffness()
     crimp: Scalar = parameter(
-        "1", show="%", low=0.0, high=0.015, about="mean slack of the filaments", source=CRIMP_SOURCE
+        "1", show="%", low=0.0, high=0.015, about="mean slack of the filaments", source=_CRIMP_SOURCE
     )
     spread: Scalar = parameter(
         "1", show="%", low=1e-5, high=1e-2, scale="log", about="standard deviation of the filaments' slack",

@@ -30,7 +30,7 @@ from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
 #: Share of the unstretched bore, as an area, below which the bore decreases smoothly instead of vanishing.
-MIN_BORE_SHARE = 0.01
+_MIN_BORE_SHARE = 0.01
 
 
 class WallSize(Protocol):
@@ -84,7 +84,7 @@ def stretch(wall: WallSize, state: State) -> Stretch:
     width = wall.inner_diameter + wall.thickness
     axial = state.length / wall.length
     bore = state.radius**2 - wall.thickness * width / axial
-    floor = MIN_BORE_SHARE / 4 * wall.inner_diameter**2
+    floor = _MIN_BORE_SHARE / 4 * wall.inner_diameter**2
     closing = floor**2 / (2 * floor - jnp.minimum(bore, floor))
     inner = jnp.sqrt(jnp.where(bore > floor, bore, closing))
     hoop = (state.radius + inner) / width

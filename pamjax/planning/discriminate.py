@@ -23,7 +23,7 @@ from pamjax.diagnosis.next_experiment.experiment import (
     Experiment,
     choose_experiment,
     evaluate_protocols,
-    fit_best_candidate,
+    fit_best_rival,
     fit_rival,
 )
 from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed
@@ -202,7 +202,7 @@ def fit_baseline(library_problem: LibraryProblem) -> CandidateFit:
 
 def fit_mechanism(library_problem: LibraryProblem, baseline: CandidateFit, id: str) -> CandidateFit:
     """Return the fit of the baseline model with one mechanism in its best form."""
-    start_fit = fit_best_candidate(
+    start_fit = fit_best_rival(
         library_problem,
         baseline,
         [candidate for candidate in build_candidates(library_problem) if candidate.id == id],

@@ -372,7 +372,9 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
         sensor_sd = getattr(case.entry.sensors, channel) or max(default_sd, channel_noise.sd)
         channel_rig = replace(prior_information.capabilities, **{channel: sensor_sd}).keep_channel(channel)
         channel_rig = replace(channel_rig, ruler=0.0) if sd else channel_rig
-        samples_per_independent = max(channel_noise.excess, 1.0) ** 2 * channel_noise.autocorrelation_time
+        samples_per_independent = (
+            max(channel_noise.rms_over_noise, 1.0) ** 2 * channel_noise.autocorrelation_time
+        )
         channel_information = replace(recorded_information, capabilities=channel_rig)
         matrix = (
             matrix
@@ -387,7 +389,7 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
         prior_information,
         mean=values,
         matrix=updated_matrix,
-        misfit_ratios={c: channel_noise.excess for c, channel_noise in noise.items()},
+        misfit_ratios={c: channel_noise.rms_over_noise for c, channel_noise in noise.items()},
     )
 
 

@@ -26,15 +26,15 @@ from pamjax.records.recording import Recording
 from pamjax.units import format_quantity
 
 #: Minimum number of isobars or lengths: with one held out, the other two still determine a line.
-MIN_BLOCK_COUNT = 3
+_MIN_BLOCK_COUNT = 3
 #: Minimum share of measured pairs for crossed settings; below 1, because a sweep may end early.
-MIN_CROSSED_SHARE = 0.75
+_MIN_CROSSED_SHARE = 0.75
 #: Minimum number of samples of a hold; a shorter sequence is a transition.
-MIN_HOLD_SAMPLES = 5
+_MIN_HOLD_SAMPLES = 5
 #: Maximum number of rows of a table of single readings.
-MAX_SINGLE_READINGS = 40
+_MAX_SINGLE_READINGS = 40
 #: Number of equal parts of a recording without settings or cycles.
-PART_COUNT = 10
+_PART_COUNT = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,7 @@ def _find_loads(recording: Recording) -> Blocks | None:
     """Return the set forces of an isotonic test; None if they are too few."""
     loads, label = np.unique(recording.force.round(6), return_inverse=True)
     loads = loads[np.isfinite(loads)]
-    if not MIN_BLOCK_COUNT <= loads.size <= recording.n / MIN_BLOCK_COUNT:
+    if not _MIN_BLOCK_COUNT <= loads.size <= recording.n / _MIN_BLOCK_COUNT:
         return None
     label = np.where(np.isfinite(recording.force), label, -1)
     return Blocks(label, tuple(f"load {format_quantity(load, 'N', 4)}" for load in loads), "loads")
@@ -124,7 +124,7 @@ def _find_loads(recording: Recording) -> Blocks | None:
 def _find_isobars(recording: Recording) -> Blocks | None:
     """Return the pressures of an isotonic test; None if they are too few."""
     pressures = find_levels(recording.pressure, recording.has_time)
-    if len(pressures) < MIN_BLOCK_COUNT:
+    if len(pressures) < _MIN_BLOCK_COUNT:
         return None
     names = _name_levels("isobar", pressures, "kPa")
     return Blocks(assign_levels(recording.pressure, pressures), names, "isobars")
@@ -148,7 +148,7 @@ def _find_settings(recording: Recording) -> Blocks | None:
         return _find_holds(isobars.label, length_blocks.label)
     # The channel that changes less often is the setting; the other channel was swept.
     first, second = sorted((isobars, length_blocks), key=lambda candidate: _count_changes(candidate.label))
-    return next((candidate for candidate in (first, second) if len(candidate) >= MIN_BLOCK_COUNT), None)
+    return next((candidate for candidate in (first, second) if len(candidate) >= _MIN_BLOCK_COUNT), None)
 
 
 def _name_levels(kind: str, levels: np.ndarray, unit: str) -> tuple[str, ...]:
@@ -166,7 +166,7 @@ def _are_crossed(isobars: Blocks, length_blocks: Blocks) -> bool:
     measured_pairs = set(
         zip(isobars.label[at_both].tolist(), length_blocks.label[at_both].tolist(), strict=True)
     )
-    return len(measured_pairs) >= MIN_CROSSED_SHARE * len(isobars) * len(length_blocks)
+    return len(measured_pairs) >= _MIN_CROSSED_SHARE * len(isobars) * len(length_blocks)
 
 
 def _count_changes(label: np.ndarray) -> int:
@@ -181,13 +181,13 @@ def _find_holds(at_pressure: np.ndarray, at_length: np.ndarray) -> Blocks | None
     label = np.empty(len(pair), dtype=int)
     count, first_row, previous_pair = -1, 0, None
     for first, last in _find_constant_runs(pair):
-        if pair[first] < 0 or last - first < MIN_HOLD_SAMPLES:
+        if pair[first] < 0 or last - first < _MIN_HOLD_SAMPLES:
             continue
         if pair[first] != previous_pair:
             count, previous_pair = count + 1, pair[first]
         label[first_row:last] = count
         first_row = last
-    if count + 1 < MIN_BLOCK_COUNT:
+    if count + 1 < _MIN_BLOCK_COUNT:
         return None
     label[first_row:] = count
     return Blocks(label, tuple(f"hold {i + 1}" for i in range(count + 1)), "holds")
@@ -197,14 +197,14 @@ def _find_cycles(recording: Recording) -> Blocks | None:
     """Return the numbered cycles, divided at jumps of the recording; rows of cycle 0 have no block."""
     if not recording.has_time:
         return None
-    run = np.cumsum(recording.starts)
+    run_number = np.cumsum(recording.is_run_start)
     label, names = np.full(recording.n, -1), []
     numbers: list[int] = []
-    for first, last in _find_constant_runs(run * (recording.cycle.max() + 1) + recording.cycle):
+    for first, last in _find_constant_runs(run_number * (recording.cycle.max() + 1) + recording.cycle):
         if recording.cycle[first] > 0:
             label[first:last] = len(names)
             numbers.append(int(recording.cycle[first]))
-            names.append(f"run {run[first]}, cycle {recording.cycle[first]}")
+            names.append(f"run {run_number[first]}, cycle {recording.cycle[first]}")
     if len(names) < 2:
         return None
     if len(set(numbers)) == len(numbers):
@@ -215,10 +215,10 @@ def _find_cycles(recording: Recording) -> Blocks | None:
 def _split_rows(recording: Recording) -> Blocks:
     """Return the single rows of a short recording, or equal parts of a long one."""
     n = recording.n
-    if n <= MAX_SINGLE_READINGS:
+    if n <= _MAX_SINGLE_READINGS:
         return Blocks(np.arange(n), tuple(f"row {row}" for row in recording.row), "rows")
-    label = np.arange(n) * PART_COUNT // n
-    ends = [recording.row[label == i][[0, -1]] for i in range(PART_COUNT)]
+    label = np.arange(n) * _PART_COUNT // n
+    ends = [recording.row[label == i][[0, -1]] for i in range(_PART_COUNT)]
     return Blocks(label, tuple(f"rows {first} to {last}" for first, last in ends), "rows")
 
 

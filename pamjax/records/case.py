@@ -24,9 +24,9 @@ MUSCLE_FILE = "muscle.toml"
 
 #: At a jump of the recording, the memory of mechanisms continues (with the time that passed) or restarts, as
 #: after a change of the specimen or a long rest.
-GAP_CHOICES = ("carry", "anew")
+_GAP_CHOICES = ("carry", "anew")
 #: Before the first sample, the muscle was at rest, or it had run through the whole recording once.
-BEFORE_CHOICES = ("relaxed", "settled")
+_BEFORE_CHOICES = ("relaxed", "settled")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,8 +40,8 @@ class Case(NotebookNote):
         recording: contents of recording.csv, SI.
         checksum: SHA-256 of the bytes of recording.csv followed by muscle.toml.
         warnings: warnings for the user, one sentence each; the caller shows them.
-        gaps: memory at a jump of the recording: one of `GAP_CHOICES`.
-        before: load history before the first sample: one of `BEFORE_CHOICES`.
+        gaps: memory at a jump of the recording: one of `_GAP_CHOICES`.
+        before: load history before the first sample: one of `_BEFORE_CHOICES`.
         text: text of muscle.toml.
     """
 
@@ -71,7 +71,7 @@ class Case(NotebookNote):
 
 
 def read_case(folder: str | Path, *, gaps: str = "carry", before: str = "relaxed") -> Case:
-    """Read a case folder: `recording.csv` and `muscle.toml`.
+    """Return the case of a folder with `recording.csv` and `muscle.toml`.
 
     Warnings are not issued but stored in `Case.warnings`.
 
@@ -151,8 +151,8 @@ def build_case(
         gaps, before: as for `read_case`.
         file: name of the recording in error messages.
     """
-    _check_choice("gaps", gaps, GAP_CHOICES)
-    _check_choice("before", before, BEFORE_CHOICES)
+    _check_choice("gaps", gaps, _GAP_CHOICES)
+    _check_choice("before", before, _BEFORE_CHOICES)
     entry = read_muscle_toml(toml_bytes, MUSCLE_FILE)
     recording, notes, units = parse_table(
         csv_bytes, file, entry.columns, entry.length, entry.measures_length, entry.load

@@ -10,8 +10,8 @@ mean. The noise d is the standard deviation from the median difference of neighb
 
 The error of a mean is the same at all its samples. The length error is then one number for each setting.
 
-Left out: autocorrelated noise of the length sensor, which looks like motion; averaging of the pressure, whose
-variation is real; recordings with too few lengths to form blocks.
+Left out: autocorrelated noise of the length sensor, which looks like motion, and recordings with too few
+lengths to form blocks. The pressure is not averaged, because its variation is real.
 Source: derived here.
 """
 
@@ -26,25 +26,25 @@ from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
 
 #: Minimum samples at one setting; maximum number of its parts; minimum samples of a part.
-MIN_VISIT_SAMPLES, MAX_VISIT_PARTS, MIN_PART_SAMPLES = 16, 8, 5
+_MIN_VISIT_SAMPLES, _MAX_VISIT_PARTS, _MIN_PART_SAMPLES = 16, 8, 5
 #: Maximum deviation of a near sample in units of the noise d, and minimum share of near samples.
-MAX_VISIT_DEVIATION_SD, MIN_SHARE_AT_REST = 4.0, 0.8
+_MAX_VISIT_DEVIATION_SD, _MIN_SHARE_AT_REST = 4.0, 0.8
 #: Share by which the scatter at one setting may exceed the noise d, in addition to chance.
-MAX_EXCESS_SCATTER = 0.25
+_MAX_EXCESS_SCATTER = 0.25
 #: Significance level of the drift test.
-DRIFT_SIGNIFICANCE = 1e-3
+_DRIFT_SIGNIFICANCE = 1e-3
 #: Median of the absolute difference of two normal samples, in standard deviations.
-NORMAL_DIFFERENCE_MEDIAN = 0.9539
+_NORMAL_DIFFERENCE_MEDIAN = 0.9539
 #: Minimum share of averaged rows for which the length error becomes the error of the means. The other rows
 #: then have the same small error.
-MIN_FIXED_ROW_SHARE = 0.99
+_MIN_FIXED_ROW_SHARE = 0.99
 
 
 def average_fixed_lengths(case: Case) -> Case:
     """Return the case with the length averaged at each fixed length.
 
-    The case is unchanged if its blocks are not lengths, if its length error is stated per setting, or if the
-    length is what was measured.
+    The case is unchanged if its blocks are not lengths, or if the length is what was measured. It is also
+    unchanged if its length error is stated per setting.
 
     Args:
         case: the case to average.
@@ -56,7 +56,7 @@ def average_fixed_lengths(case: Case) -> Case:
     if case_blocks.kind != "lengths":
         return case
     length, is_fixed, sizes = recording.length.copy(), np.zeros(recording.n, dtype=bool), []
-    for rows in _find_visits(case_blocks.label, recording.starts):
+    for rows in _find_visits(case_blocks.label, recording.is_run_start):
         rest_rows = rows[find_rest_samples(recording.length[rows])]
         if rest_rows.size:
             length[rest_rows] = recording.length[rest_rows].mean()
@@ -65,15 +65,15 @@ def average_fixed_lengths(case: Case) -> Case:
     if not sizes:
         return case
     entry = case.entry
-    if sensors.length is not None and is_fixed.mean() >= MIN_FIXED_ROW_SHARE:
+    if sensors.length is not None and is_fixed.mean() >= _MIN_FIXED_ROW_SHARE:
         sd_of_mean = sensors.length / float(np.sqrt(np.median(sizes)))
         entry = replace(entry, sensors=replace(sensors, length=sd_of_mean, length_per_setting=True))
     return replace(case, recording=replace(recording, length=length), entry=entry)
 
 
-def _find_visits(label: np.ndarray, starts: np.ndarray) -> list[np.ndarray]:
+def _find_visits(label: np.ndarray, is_run_start: np.ndarray) -> list[np.ndarray]:
     """Return the rows of each continuous sequence at one setting."""
-    cuts = np.flatnonzero((np.diff(label) != 0) | starts[1:]) + 1
+    cuts = np.flatnonzero((np.diff(label) != 0) | is_run_start[1:]) + 1
     return [rows for rows in np.split(np.arange(label.size), cuts) if label[rows[0]] >= 0]
 
 
@@ -84,18 +84,18 @@ def find_rest_samples(length: np.ndarray) -> np.ndarray:
         length: (n,) m, the samples at one setting.
     """
     no_samples = np.zeros(length.size, dtype=bool)
-    if length.size < MIN_VISIT_SAMPLES:
+    if length.size < _MIN_VISIT_SAMPLES:
         return no_samples
-    noise = float(np.median(np.abs(np.diff(length)))) / NORMAL_DIFFERENCE_MEDIAN
-    is_near = np.abs(length - np.median(length)) < MAX_VISIT_DEVIATION_SD * noise
-    if is_near.mean() < MIN_SHARE_AT_REST:
+    noise = float(np.median(np.abs(np.diff(length)))) / _NORMAL_DIFFERENCE_MEDIAN
+    is_near = np.abs(length - np.median(length)) < _MAX_VISIT_DEVIATION_SD * noise
+    if is_near.mean() < _MIN_SHARE_AT_REST:
         return no_samples
-    is_steady = np.std(length[is_near]) < (1 + MAX_EXCESS_SCATTER + 3 / np.sqrt(length.size)) * noise
+    is_steady = np.std(length[is_near]) < (1 + _MAX_EXCESS_SCATTER + 3 / np.sqrt(length.size)) * noise
     return is_near if is_steady and not _has_drift(length[is_near], noise) else no_samples
 
 
 def _has_drift(length: np.ndarray, noise: float) -> bool:
     """Return whether the means of the parts differ by more than noise."""
-    parts = np.array_split(length, min(MAX_VISIT_PARTS, length.size // MIN_PART_SAMPLES))
+    parts = np.array_split(length, min(_MAX_VISIT_PARTS, length.size // _MIN_PART_SAMPLES))
     chi_squared = sum(part.size * (part.mean() - length.mean()) ** 2 for part in parts) / noise**2
-    return bool(chdtrc(len(parts) - 1, chi_squared) < DRIFT_SIGNIFICANCE)
+    return bool(chdtrc(len(parts) - 1, chi_squared) < _DRIFT_SIGNIFICANCE)

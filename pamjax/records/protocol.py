@@ -40,10 +40,10 @@ class Schedule:
 
 
 #: Largest number of samples of a protocol.
-MAX_SAMPLES = 1_000_000
+_MAX_SAMPLES = 1_000_000
 
 #: Remedy for a wrong entry.
-KEY_HINTS = {
+_KEY_HINTS = {
     "kind": 'Write "strokes", "ramps" or "holds".',
     "pressures": 'Write a list, as ["100 kPa", "3 bar"].',
     "loads": 'Write a list, as ["0 N", "2 kgf"].',
@@ -167,8 +167,8 @@ def _build_ramp_cycle(duration: float, step: float) -> np.ndarray:
 
 def _check_size(samples: float) -> None:
     """Refuse a schedule that is too long to simulate, before its arrays are made."""
-    if not samples <= MAX_SAMPLES:
-        rule = f"a protocol must have at most {MAX_SAMPLES} samples"
+    if not samples <= _MAX_SAMPLES:
+        rule = f"a protocol must have at most {_MAX_SAMPLES} samples"
         raise refuse(rule, f"{samples:.3g}", "[protocol]", "Reduce `rate`, `duration` or `cycles`.")
 
 
@@ -189,7 +189,7 @@ def _join_pieces(pieces, step: float, every: int) -> Schedule:
 
 
 def read_protocol(path: Path) -> Protocol:
-    """Read a protocol from a TOML file.
+    """Return the protocol of a TOML file.
 
     Raises:
         BadInput: if the file is missing or not TOML, or if an entry is invalid.
@@ -205,7 +205,7 @@ def read_protocol(path: Path) -> Protocol:
         if first["type"] == "extra_forbidden":
             hint = suggest_word(key, Protocol.model_fields)
             raise refuse(f"unknown entry `{key}` in [protocol]", where=path.name, remedy=hint) from error
-        hint = "" if first["type"] == "literal_error" else KEY_HINTS.get(key, "")
+        hint = "" if first["type"] == "literal_error" else _KEY_HINTS.get(key, "")
         raise refuse(
             toml_errors.format_rule(first, key), toml_errors.format_input(first), path.name, hint
         ) from error

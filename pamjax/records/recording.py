@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 MAX_CYCLE = 1_000_000_000
 
 #: Minimum duration of a pause for moving the rig, in multiples of the median and of the previous time step.
-MIN_PAUSE_STEPS = 4.0
+_MIN_PAUSE_STEPS = 4.0
 
 #: Minimum jump at the first row of a cycle, as a share of the channel's range ...
-MIN_JUMP_SHARE = 0.02
+_MIN_JUMP_SHARE = 0.02
 #: ... and as a multiple of both neighbouring steps: the steps of a ramp are similar, those at a jump are not.
-MIN_JUMP_TO_NEIGHBOUR = 5.0
+_MIN_JUMP_TO_NEIGHBOUR = 5.0
 
 
 @dataclass(frozen=True)
@@ -161,15 +161,15 @@ class Recording:
         return np.isfinite(self.pressure) & np.isfinite(self.length)
 
     @property
-    def starts(self) -> np.ndarray:
+    def is_run_start(self) -> np.ndarray:
         """Return the mask, (n,) bool, of first rows of continuous parts; every row of a static map."""
         if self.time is None:
             return np.ones(self.n, dtype=bool)
         new_cycle = np.r_[False, np.diff(self.cycle) != 0]
         jumps = _find_jumps(self.pressure) | _find_jumps(self.length)
-        starts = _find_pauses(self.time) | (new_cycle & jumps)
-        starts[:1] = True
-        return starts
+        is_run_start = _find_pauses(self.time) | (new_cycle & jumps)
+        is_run_start[:1] = True
+        return is_run_start
 
     @property
     def length_and_pressure(self) -> np.ndarray:
@@ -212,7 +212,7 @@ def _find_pauses(time: np.ndarray) -> np.ndarray:
     median_step = np.median(step[step > 0]) if (step > 0).any() else np.inf
     previous_step = np.r_[median_step, step[:-1]]
     # Some logs increase the time step during a hold. A pause is much longer than the previous step, too.
-    return np.r_[False, (step <= 0) | (step > MIN_PAUSE_STEPS * np.maximum(median_step, previous_step))]
+    return np.r_[False, (step <= 0) | (step > _MIN_PAUSE_STEPS * np.maximum(median_step, previous_step))]
 
 
 def _find_jumps(channel: np.ndarray) -> np.ndarray:
@@ -223,6 +223,6 @@ def _find_jumps(channel: np.ndarray) -> np.ndarray:
         return jumps
     step = np.abs(np.diff(channel[measured]))
     neighbour_step = np.maximum(np.r_[0.0, step[:-1]], np.r_[step[1:], 0.0])
-    is_large = step > MIN_JUMP_SHARE * np.ptp(channel[measured])
-    jumps[measured[1:]] = is_large & (step > MIN_JUMP_TO_NEIGHBOUR * neighbour_step)
+    is_large = step > _MIN_JUMP_SHARE * np.ptp(channel[measured])
+    jumps[measured[1:]] = is_large & (step > _MIN_JUMP_TO_NEIGHBOUR * neighbour_step)
     return jumps

@@ -1,7 +1,8 @@
 """Shipped tables of published data, each with a sidecar that states its source.
 
-A table is `<folder>/<name>.csv` with headers `name [unit]` and a sidecar `<name>.toml` (title, how it was
-read, sha256 of the CSV's bytes, source, licence, a unit for each column). Text columns have no unit.
+A table is `<folder>/<name>.csv` with headers `name [unit]` and a sidecar `<name>.toml`. The sidecar states
+title, source, licence, how the table was read, the sha256 of the CSV's bytes, and a unit for each column.
+Text columns have no unit.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import jax.numpy as jnp
 import numpy as np
 
@@ -117,7 +115,7 @@ def _build_history(schedule: Schedule, settled: bool) -> History:
     )
     return build_time_history(
         schedule.time,
-        exact_recording.starts,
+        exact_recording.is_run_start,
         settled=settled,
         stroke_channels=exact_recording.length_and_pressure,
     )
@@ -187,8 +185,3 @@ def describe_extrapolation(calibrated_range: dict[str, tuple[float, float]], sch
                     f"({int(is_outside.sum())} of {values.size} samples)"
                 )
     return sentences
-
-
-def renumber_rows(recording: Recording) -> Recording:
-    """Return the recording with rows numbered from 2, as in a new file, and without outliers."""
-    return replace(recording, row=np.arange(recording.n) + 2, outliers=())

@@ -9,11 +9,11 @@ from pamjax.errors import refuse
 from pamjax.records.files import decode_text
 
 #: Largest file, bytes: about 20,000 lines. Python's reader needs seconds for larger ones.
-MAX_TOML_BYTES = 1_000_000
+_MAX_TOML_BYTES = 1_000_000
 #: Longest line; the reader's time grows with the square of the number of keys in a dotted name.
-MAX_LINE_CHARACTERS = 10_000
+_MAX_LINE_CHARACTERS = 10_000
 #: Largest whole number that TOML has.
-MAX_TOML_INTEGER = 2**63 - 1
+_MAX_TOML_INTEGER = 2**63 - 1
 
 
 def parse_toml(
@@ -29,12 +29,12 @@ def parse_toml(
     Raises:
         BadInput: if it is not TOML, too large, nested too deeply, or has a whole number of more than 64 bits.
     """
-    if len(raw) > MAX_TOML_BYTES:
+    if len(raw) > _MAX_TOML_BYTES:
         raise refuse(f"{file} must have at most 1 MB", f"{len(raw) / 1e6:.1f} MB", remedy="Remove entries.")
     text = decode_text(raw, file).replace("\r\n", "\n")
     for number, line in enumerate(text.split("\n"), 1):
-        if len(line) > MAX_LINE_CHARACTERS:
-            rule = f"a line must have at most {MAX_LINE_CHARACTERS} characters"
+        if len(line) > _MAX_LINE_CHARACTERS:
+            rule = f"a line must have at most {_MAX_LINE_CHARACTERS} characters"
             raise refuse(rule, f"{len(line)}", f"line {number} of {file}", "Break the line.")
     try:
         document = tomllib.loads(text)
@@ -59,6 +59,6 @@ def _check_integers(value: Any, name: str, file: str) -> None:
     elif isinstance(value, list):
         for part in value:
             _check_integers(part, name, file)
-    elif isinstance(value, int) and abs(value) > MAX_TOML_INTEGER:
+    elif isinstance(value, int) and abs(value) > _MAX_TOML_INTEGER:
         got = f"a number of {len(str(abs(value)))} digits"
         raise refuse(f"`{name}` must be a whole number below 2^63", got, file, "Remove digits.")

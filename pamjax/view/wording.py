@@ -1,4 +1,4 @@
-"""Text that several pages share: signs, capital letters, lists, sources of a noise level."""
+"""Text that several pages share: signs, capital letters, sources of a noise level."""
 
 from __future__ import annotations
 
@@ -29,15 +29,6 @@ def capitalise_sentence(line: str) -> str:
     """
     first_word = line.split(" ", 1)[0]
     return line if "_" in first_word or "." in first_word[:-1] else f"{line[:1].upper()}{line[1:]}"
-
-
-def join_words(parts: list[str]) -> str:
-    """Return a list as text, with "and" before the last item.
-
-    >>> join_words(["force", "diameter", "time"])
-    'force, diameter and time'
-    """
-    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1] if parts else ""
 
 
 def keep_units_with_numbers(text: str) -> str:

@@ -88,10 +88,12 @@ class Joint:
         measured = [self.first.measured] + ([self.second.measured] if self.second else [])
         return np.concatenate([*measured, np.tile(self.read, (2, 1))], axis=1)
 
-    def jacobian(self, values: np.ndarray, places) -> tuple[np.ndarray, np.ndarray]:
+    def predict_with_jacobian(self, values: np.ndarray, places) -> tuple[np.ndarray, np.ndarray]:
         """Return the outputs and readings, (2, n), and their derivatives, (k, 2, n)."""
         places = list(places)
-        outputs = [problem.jacobian(values, places) for problem in (self.first, self.second) if problem]
+        outputs = [
+            problem.predict_with_jacobian(values, places) for problem in (self.first, self.second) if problem
+        ]
         own = np.equal.outer(places, self.places).astype(float)
         values_and_readings = [s for s, _ in outputs] + [np.tile(values[list(self.places)], (2, 1))]
         by = [by for _, by in outputs] + [np.stack([own, own], axis=1)]

@@ -77,6 +77,8 @@ def test_invalid_arguments(words, message, capsys, tmp_path, monkeypatch):
         (["--before", "rested"], "`before` must be relaxed or settled; got 'rested'."),
         (["--gaps", "mad=anew"], "unknown case 'mad' (--gaps). Did you mean `made`?"),
         (["--starts", "0"], "`starts` must be at least 1; got 0."),
+        (["--folds", "1"], "`folds` must be at least 2; got 1."),
+        (["--form-error"], "Include one, for example `--with braid_friction`."),
         (["--seed", "-1"], "`seed` must be at least 0; got -1."),
     ],
 )

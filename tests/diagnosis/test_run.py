@@ -10,7 +10,7 @@ import pytest
 
 from pamjax.benchmark.inject_effect import inject_effects
 from pamjax.benchmark.setups import build_reference_setup
-from pamjax.diagnosis.crossval.gain import select_held_out_rows
+from pamjax.diagnosis.crossval.held_out_errors import select_held_out_rows
 from pamjax.diagnosis.detect.locate import _compute_weighted_range, _find_direction
 from pamjax.diagnosis.detect.residual_test import is_residual_large, is_residual_significant
 from pamjax.diagnosis.detect.significance import Significance
@@ -100,8 +100,8 @@ def test_concealed_friction_is_named_and_its_loop_explained(tmp_path):
     assert [name.id for name in diagnosis.named_mechanisms] == ["braid_friction"]
     assert diagnosis.named_mechanisms[0].probability > 0.9
     noise = build_reference_setup().entry.sensors.force
-    assert diagnosis.gain.rmse_before["force"] > 3 * noise
-    assert diagnosis.gain.rmse_after["force"] < 1.4 * noise
+    assert diagnosis.held_out_errors.rmse_before["force"] > 3 * noise
+    assert diagnosis.held_out_errors.rmse_after["force"] < 1.4 * noise
     save_diagnosis(diagnosis, tmp_path)
     document = json.loads((tmp_path / "diagnosis.json").read_text())
     assert document["missing_physics"][0]["id"] == "braid_friction"

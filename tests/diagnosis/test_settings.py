@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import pamjax
-from pamjax.diagnosis.crossval.explained_fraction import _compute_explained_share
-from pamjax.diagnosis.crossval.gain import select_held_out_rows
+from pamjax.diagnosis.crossval.block_cross_validation import _compute_explained_share
+from pamjax.diagnosis.crossval.held_out_errors import select_held_out_rows
 from pamjax.diagnosis.detect.locate import _find_direction
 from pamjax.diagnosis.detect.regions import RecordingAxes, split_into_regions
 from pamjax.diagnosis.detect.residual_test import is_residual_large, is_residual_significant
@@ -21,10 +21,10 @@ from pamjax.diagnosis.library.library_problem import _compute_limits
 from pamjax.diagnosis.next_experiment.experiment import Experiment, choose_experiment
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
 from pamjax.diagnosis.select.search import MechanismSearch
-from pamjax.diagnosis.select.selection import NamedMechanism, reduce_certainty
+from pamjax.diagnosis.select.selection import NamedMechanism, shrink_to_even_odds
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings, describe_settings
 from pamjax.errors import BadInput
-from pamjax.infer.noise.estimate import _build_channel_noise
+from pamjax.infer.noise.estimate import _build_channel_noise, _ChannelSamples
 from pamjax.parameter import Meaning
 from pamjax.progress import ignore_progress
 from pamjax.records.blocks import Blocks
@@ -62,7 +62,7 @@ DEFAULTS = {
     "max_alternative_chi2": 20.0, "min_chi2_improvement": 0.5, "distance_chi2_tolerance": 4.0,
     "min_explained_fraction": 5 / 6,
     "min_blocks_for_cross_validation": 3, "min_information_share": 0.05,
-    "unexplained_certainty_share": 0.5, "held_out_interval": 5, "min_blocks_for_hold_out": 3,
+    "doubtful_certainty_share": 0.5, "held_out_interval": 5, "min_blocks_for_hold_out": 3,
     "box_low_quantile": 0.05, "box_high_quantile": 0.95, "min_direction_share": 0.15,
     "min_moving_misfit_share": 0.5, "min_box_rms_ratio": 0.5, "min_channel_excess_share": 0.2,
     "min_reported_noise_ratio": 1.15, "min_stuck_readings": 3, "min_clipped_readings": 5,
@@ -142,9 +142,8 @@ def test_settings_are_public_and_frozen():
 
 def estimate_correlation(settings):
     residual = draw_ar1_noise(np.random.default_rng(1), 2000, 0.6)
-    noise = _build_channel_noise(
-        residual, np.array([1.0]), np.zeros(2000), np.arange(2000), np.zeros(2000), True, settings=settings
-    )
+    samples = _ChannelSamples(residual, np.arange(2000), np.zeros(2000), np.zeros(2000))
+    noise = _build_channel_noise(samples, np.array([1.0]), settings=settings)
     return round(noise.correlation, 1)
 
 
@@ -189,7 +188,7 @@ def is_pair_worthwhile(settings):
 
 def reduce_probability(settings):
     names = NamedMechanism("end_taper", 0.9, (), 1.0), NamedMechanism("end_cones", 0.9, (), 1.0)
-    probabilities = {m.id: m.probability for m in reduce_certainty(names, settings, {"end_taper"})}
+    probabilities = {m.id: m.probability for m in shrink_to_even_odds(names, settings, {"end_taper"})}
     assert probabilities["end_cones"] == 0.9
     return round(probabilities["end_taper"], 3)
 
@@ -220,7 +219,7 @@ OFFER = [Experiment("short", ("a", "b"), 0.8, 5.0), Experiment("long", ("a", "b"
         (is_worthwhile, {"min_excess_share": 0.6}, True, False),
         (is_worthwhile, {"min_effect_rms": 0.8}, True, False),
         (is_pair_worthwhile, {"complete_excess_share": 0.99}, True, False),
-        (reduce_probability, {"unexplained_certainty_share": 1.0}, 0.7, 0.9),
+        (reduce_probability, {"doubtful_certainty_share": 1.0}, 0.7, 0.9),
         (count_held_out, {"held_out_interval": 3}, 2, 3),
         (
             lambda s: _compute_explained_share(5.0, 10.0, 100.0, s.min_information_share),

@@ -60,7 +60,7 @@ def scored_comparison(request, tmp_path_factory):
 @pytest.mark.slow
 def test_misfit_of_the_bare_braid_exceeds_the_noise(scored_comparison):
     result, _ = scored_comparison
-    assert result.cases[0].noise["force"].excess > 20
+    assert result.cases[0].noise["force"].rms_over_noise > 20
     assert "the model may lack a mechanism" in str(result)
 
 

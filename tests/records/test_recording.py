@@ -32,21 +32,21 @@ def test_usable_rows_have_pressure_and_length():
 def test_history_restarts_at_every_row_of_a_static_map():
     recording = Recording.from_arrays(pressure=[1e5, 2e5], length=0.2, force=[1.0, 2.0])
     assert not recording.has_time
-    assert recording.starts.tolist() == [True, True]
+    assert recording.is_run_start.tolist() == [True, True]
 
 
 def test_history_restarts_after_a_pause_only():
     steps = np.r_[np.full(10, 0.5), 6.0, np.full(10, 0.5)]
     even = Recording.from_arrays(time=np.r_[0.0, np.cumsum(steps)], pressure=np.full(22, 1e5), length=0.2)
-    assert np.flatnonzero(even.starts).tolist() == [0, 11]
+    assert np.flatnonzero(even.is_run_start).tolist() == [0, 11]
     spread_out = np.r_[0.0, np.cumsum(0.1 * 1.5 ** np.arange(12))]
     creep = Recording.from_arrays(time=spread_out, pressure=np.full(13, 1e5), length=0.2)
-    assert np.flatnonzero(creep.starts).tolist() == [0]
+    assert np.flatnonzero(creep.is_run_start).tolist() == [0]
 
 
 def test_history_restarts_if_time_decreases():
     recording = Recording.from_arrays(time=[0.0, 1.0, 2.0, 0.0, 1.0], pressure=np.full(5, 1e5), length=0.2)
-    assert np.flatnonzero(recording.starts).tolist() == [0, 3]
+    assert np.flatnonzero(recording.is_run_start).tolist() == [0, 3]
 
 
 @pytest.mark.parametrize(("jump", "starts"), [(True, [0, 20]), (False, [0])])
@@ -56,13 +56,13 @@ def test_history_restarts_at_a_cycle_with_a_jump_of_settings(jump, starts):
     recording = Recording.from_arrays(
         time=np.arange(40.0), pressure=pressure, length=0.2, cycle=np.repeat([1, 2], 20)
     )
-    assert np.flatnonzero(recording.starts).tolist() == starts
+    assert np.flatnonzero(recording.is_run_start).tolist() == starts
 
 
 def test_history_continues_at_a_jump_within_a_cycle():
     pressure = np.repeat([1e5, 2e5], 20)
     recording = Recording.from_arrays(time=np.arange(40.0), pressure=pressure, length=0.2)
-    assert np.flatnonzero(recording.starts).tolist() == [0]
+    assert np.flatnonzero(recording.is_run_start).tolist() == [0]
 
 
 def test_selection_keeps_line_numbers_and_remarks():

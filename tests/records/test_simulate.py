@@ -12,7 +12,7 @@ from pamjax.model.muscle import Muscle, predict
 from pamjax.model.thread import LinearThread
 from pamjax.records.protocol import Protocol
 from pamjax.records.reading.muscle_toml import Sensors
-from pamjax.records.simulate import describe_extrapolation, draw_ar1_noise, renumber_rows, simulate
+from pamjax.records.simulate import describe_extrapolation, draw_ar1_noise, simulate
 from tests.agreement import ROUNDING, agree
 
 MUSCLE = Muscle(0.2, 0.214, 1.2, LinearThread(5e5))
@@ -134,8 +134,3 @@ def test_calibrated_range_is_not_reported():
     assert describe_extrapolation({"pressure": (1e5, 3e5), "length": (0.16, 0.2)}, SCHEDULE) == []
     # A rounding error is not reported either.
     assert describe_extrapolation({"pressure": (1.00001e5, 3e5), "length": (0.16, 0.2)}, SCHEDULE) == []
-
-
-def test_row_numbers_start_below_the_header(exact):
-    part = exact.select(np.arange(exact.n) > 10)
-    assert renumber_rows(part).row[0] == 2

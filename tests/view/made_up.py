@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from pamjax.diagnosis.crossval.gain import compute_gain, select_held_out_rows
+from pamjax.diagnosis.crossval.held_out_errors import compute_held_out_errors, select_held_out_rows
 from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.significance import Significance
@@ -131,7 +131,9 @@ def diagnosis(
         residual_share=0.12,
         noise_ratios={"force": 1.02, "diameter": None},
         blocks=blocks,
-        gain=compute_gain(problem, blocks, select_held_out_rows(blocks), models[0], models[1]),
+        held_out_errors=compute_held_out_errors(
+            problem, blocks, select_held_out_rows(blocks), models[0], models[1]
+        ),
         parameters={"braid_friction": {"coefficient": ParameterEstimate(0.21, 0.01, find_meaning(NAMES[2]))}},
         parameter_shifts={
             NAMES[0]: ParameterShift(80e9, 92e9, 8.9, find_meaning(NAMES[0])),
@@ -149,13 +151,13 @@ def add_form_error(result, share=0.1):
 
     The prediction with form error is 2 N higher than the one without, with an sd of 5 N.
     """
-    form = np.zeros_like(result.gain.after)
+    form = np.zeros_like(result.held_out_errors.after)
     form[0] = 2.0
     sd = np.zeros_like(form)
     sd[0] = 5.0
     rms = np.array([2.0, 0.0]) if share else np.zeros(2)
     part = FormErrorPart(share, 0.1 if share else 0.0, form, rms, np.array([20.0, 1e-9]))
-    prediction = FormPrediction(result.gain.after + form, sd) if share else None
+    prediction = FormPrediction(result.held_out_errors.after + form, sd) if share else None
     return replace(result, form_errors={"braid_friction": part}, form_prediction=prediction)
 
 

@@ -188,7 +188,7 @@ def _is_readable(entry: MuscleToml, recording: Recording) -> bool:
 
 def _build_plan(plan: Recording) -> BenchPlan:
     assert plan.time is not None
-    return BenchPlan(plan.time, plan.starts, plan.pressure, plan.length)
+    return BenchPlan(plan.time, plan.is_run_start, plan.pressure, plan.length)
 
 
 def _draw_sensors(stated_sensors: Sensors, rng: np.random.Generator) -> tuple[Sensors, bool]:

@@ -1,7 +1,7 @@
 """Location of the misfit of the baseline: boxes of pressure, contraction, time and direction of motion.
 
-A box has one sentence, which is true in each of its parts. If the mean deviation of a part has the opposite
-sign beyond noise, the sentence states the trend, or the lowest and the highest mean with their places.
+A box has one sentence, which is true in each of its parts. The mean deviation of a part can have the opposite
+sign beyond noise. The sentence then states the trend, or the lowest and the highest mean with their places.
 Overlapping boxes divide the excess misfit of a row in proportion to their squared deviations.
 """
 
@@ -22,12 +22,12 @@ from pamjax.diagnosis.detect.regions import (
     split_range,
 )
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit, compute_effect
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit, compute_unabsorbed_effect
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.problem.dataset import CHANNELS
 
 #: Directions of motion as text.
-DIRECTION_TEXTS = {SHORTENING: "shortening", STILL: "at rest", LENGTHENING: "lengthening"}
+_DIRECTION_TEXTS = {SHORTENING: "shortening", STILL: "at rest", LENGTHENING: "lengthening"}
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def locate_effects(problem: LibraryProblem, baseline: CandidateFit, fit: Candida
     axes, residual = build_axes(problem), problem.measured - problem.predict(baseline.estimate.values)
     boxes = []
     for candidate in fit.mechanisms:
-        candidate_effect = compute_effect(problem, fit, candidate)
+        candidate_effect = compute_unabsorbed_effect(problem, fit, candidate)
         sizes = [_compute_rms(fit.noise.standardise(candidate_effect, c)) for c in range(len(CHANNELS))]
         for c, size in enumerate(sizes):
             if size > 0 and size >= settings.min_box_rms_ratio * max(sizes):
@@ -295,7 +295,7 @@ def _format_extremes(
     for part, place in zip((low, high), places, strict=True):
         remarks = [f"near {', '.join(place)}"] if place else []
         if axes.direction[low[0]] != axes.direction[high[0]]:
-            remarks.append(DIRECTION_TEXTS[int(axes.direction[part[0]])])
+            remarks.append(_DIRECTION_TEXTS[int(axes.direction[part[0]])])
         difference = _format_difference(float(np.mean(signed[part])), scale, unit)
         texts.append(difference + (f" ({', '.join(remarks)})" if remarks else ""))
     return f"between {texts[0]} and {texts[1]}"

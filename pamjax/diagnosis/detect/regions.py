@@ -1,8 +1,8 @@
 """Regions of a recording in which a shift of the mean is tested, for misfit that no mechanism causes.
 
-A region is a range of pressure or of contraction, a direction of motion, an interval of time, or a
-combination of two of the first three. In each region, a constant shift in standard deviations of the noise is
-one more test direction.
+A region is a range of pressure or of contraction, a direction of motion, or an interval of time. Two of the
+first three can be combined. In each region, a constant shift in standard deviations of the noise is one more
+test direction.
 """
 
 from __future__ import annotations

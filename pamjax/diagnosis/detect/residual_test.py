@@ -15,7 +15,7 @@ from pamjax.diagnosis.settings import DiagnosisSettings
 
 
 def run_baseline_test(problem: LibraryProblem, baseline: CandidateFit, seed: int = 0) -> Significance:
-    """Test the residual of the baseline along the score directions of all mechanisms.
+    """Return the test of the baseline's residual along the score directions of all mechanisms.
 
     A table without stated noise is tested on all rows, because they estimate its noise.
 
@@ -30,7 +30,7 @@ def run_baseline_test(problem: LibraryProblem, baseline: CandidateFit, seed: int
 
 
 def run_residual_test(problem: LibraryProblem, fit: CandidateFit, seed: int = 0) -> Significance:
-    """Test the residual of a model along the score directions of all mechanisms that it does not contain.
+    """Return the test of a model's residual along the score directions of the mechanisms outside it.
 
     Args:
         problem: the recording and the library.

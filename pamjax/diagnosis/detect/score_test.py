@@ -127,22 +127,18 @@ def compute_score_directions(
     noise: NoiseModel,
     estimate: MapEstimate,
     candidates: Sequence[Candidate],
-    jacobians: dict[int, np.ndarray] | None = None,
 ) -> list[ScoreDirection]:
-    """Return the score direction of each candidate at a refit, with the χ² that it explains.
-
-    `jacobians` are those of `compute_candidate_jacobians`, if they are known.
-    """
+    """Return the score direction of each candidate at a refit, with the χ² that it explains."""
     projection = NuisanceProjection(estimate)
     residual = _ResidualAtLimits(problem, estimate, projection)
-    jacobians = jacobians or compute_candidate_jacobians(problem, estimate, candidates)
+    jacobians = _compute_candidate_jacobians(problem, estimate, candidates)
     return [
         _build_score_direction(problem, noise, estimate, candidate, jacobians[k], projection, residual)
         for k, candidate in enumerate(candidates)
     ]
 
 
-def compute_candidate_jacobians(
+def _compute_candidate_jacobians(
     problem: LibraryProblem, estimate: MapEstimate, candidates: Sequence[Candidate]
 ) -> dict[int, np.ndarray]:
     """Return the derivative of the prediction by each candidate's amplitudes, (k, 2, n), by position."""
@@ -155,7 +151,7 @@ def compute_candidate_jacobians(
                 values[index] = np.clip(value, problem.low[index], problem.high[index])
         names = sorted({name for k in group for name in candidates[k].amplitudes})
         jacobian_by_name = dict(
-            zip(names, problem.jacobian(values, map(problem.index, names))[1], strict=True)
+            zip(names, problem.predict_with_jacobian(values, map(problem.index, names))[1], strict=True)
         )
         return {
             k: np.stack([jacobian_by_name[name] for name in candidates[k].amplitudes])

@@ -1,11 +1,11 @@
 """One global p-value of a residual over all tested directions.
 
-The directions are the score direction of every candidate and the shift of every region of the recording,
-without the part that the baseline's parameters absorb: K whitened unit vectors. If the baseline is right, the
-residual along each is a standard normal variable, with the correlations of the directions. For an amplitude
-that cannot be negative only the positive side counts. The noise is estimated from the recording, so the
-standard deviations σ are uncertain too. The p-value is the probability that the largest deviation reaches the
-observed d, a union of events:
+The K directions are the score direction of every candidate and the shift of every region of the recording.
+They are whitened unit vectors, without the part that the baseline's parameters absorb. If the baseline is
+right, the residual along each is a standard normal variable, with the correlations of the directions. For an
+amplitude that cannot be negative only the positive side counts. The noise is estimated from the recording, so
+the standard deviations σ are uncertain too. The p-value is the probability that the largest deviation reaches
+the observed d, a union of events:
 
     P = Σ_jk w_j s_k Q(d / σ_jk) · E[1 / N],
 
@@ -38,7 +38,7 @@ from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
 from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Largest size of the array of random numbers in one batch.
-MAX_NUMBERS_PER_BATCH = 10**6
+_MAX_NUMBERS_PER_BATCH = 10**6
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def compute_significance(
     score_directions: list[ScoreDirection],
     seed: int = 0,
 ) -> Significance:
-    """Test the residual of a refit against noise.
+    """Return the test of a refit's residual against noise.
 
     Args:
         problem: the recording and the library.
@@ -170,7 +170,7 @@ def _estimate_tail_probability(
     root, inverse_counts = _compute_square_root(gram), np.empty(draws)
     for batch in np.array_split(
         np.arange(draws),
-        draws * len(gram) // MAX_NUMBERS_PER_BATCH + 1,
+        draws * len(gram) // _MAX_NUMBERS_PER_BATCH + 1,
     ):
         scale = np.sqrt(square[batch])[:, None]
         variables = _sample_conditional(gram, root, k[batch], deviations[batch] * scale[:, 0], rng) / scale
@@ -184,7 +184,7 @@ def _estimate_tail_probability(
 def _sample_conditional(
     gram: np.ndarray, root: np.ndarray, k: np.ndarray, deviations: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Draw correlated standard normal variables, (m, K), with a given value of the k-th."""
+    """Return draws of correlated standard normal variables, (m, K), with a given value of the k-th."""
     sample = rng.standard_normal((k.size, len(gram))) @ root.T
     return sample + gram[k] * (deviations - sample[np.arange(k.size), k])[:, None]
 
@@ -203,7 +203,7 @@ def _compute_log_tail(deviation: np.ndarray, degrees_of_freedom: float) -> np.nd
 
 
 def _sample_tail(deviation: np.ndarray, degrees_of_freedom: float, rng: np.random.Generator) -> np.ndarray:
-    """Draw variables from the tails beyond some deviations."""
+    """Return draws of variables from the tails beyond some deviations."""
     rank = np.log(rng.uniform(size=deviation.shape)) + _compute_log_tail(deviation, degrees_of_freedom)
     out = (
         student(degrees_of_freedom).isf(np.exp(rank))

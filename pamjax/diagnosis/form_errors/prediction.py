@@ -57,11 +57,11 @@ def predict_with_form_errors(problem: LibraryProblem, fit: CandidateFit) -> Form
     noise, values = fit.noise, fit.estimate.values
     if not isinstance(noise, DiscrepancyNoise) or not noise.columns.any():
         return None
-    textbook, derivatives = problem.jacobian(values, fit.estimate.free)
+    textbook, derivatives = problem.predict_with_jacobian(values, fit.estimate.free)
     prediction = textbook + noise.estimate_discrepancy(problem.measured - textbook)
     scaled = np.nan_to_num(derivatives) * fit.estimate.scale[:, None, None]
     columns = np.concatenate([scaled, noise.columns])
-    inflation = compute_variance_inflation(fit.estimate.residual, noise.starts)
+    inflation = compute_variance_inflation(fit.estimate.residual, noise.is_run_start)
     sd = compute_prediction_sd(
         columns,
         _whiten(noise, columns) / np.sqrt(inflation),

@@ -36,7 +36,7 @@ class Candidate:
 
     @property
     def free_parameters(self) -> tuple[str, ...]:
-        """Names of all parameters that a refit of the candidate estimates."""
+        """Return the names of all parameters that a refit of the candidate estimates."""
         return self.amplitudes + tuple(self.shape)
 
 
@@ -85,10 +85,7 @@ def _is_testable(candidate: Candidate, problem: LibraryProblem) -> bool:
 
 
 #: Mechanisms that a static table, in which the order of rows has no meaning, cannot test.
-MECHANISMS_NEEDING_TIME = {
-    "braid_friction", "viscous_damping", "viscoelastic_creep", "mullins_softening", "thread_slip",
-    "pressure_drop", "force_drift", "channel_lag",
-}  # fmt: skip
+MECHANISMS_NEEDING_TIME = {kind.id for kind in MECHANISMS if kind.needs_time}
 
 
 def _build_single_candidate(kind) -> Candidate:

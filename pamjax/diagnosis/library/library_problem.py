@@ -40,20 +40,20 @@ from pamjax.records.reading.quantity import MeasuredValue
 
 #: Rows of the shortest compiled program. Longer ones have 2, 4, 8, ... times as many: balances of padding are
 #: not computed, and recordings of different lengths share a program.
-MIN_PROGRAM_ROWS, PROGRAM_ROWS_FACTOR = 1280, 2
+_MIN_PROGRAM_ROWS, _PROGRAM_ROWS_FACTOR = 1280, 2
 
 #: Largest number of parameters in one sweep of derivatives.
-DERIVATIVES_PER_SWEEP = 32
+_DERIVATIVES_PER_SWEEP = 32
 
 #: Number of derivatives that are computed in parallel.
-DERIVATIVES_PER_PASS = 4
+_DERIVATIVES_PER_PASS = 4
 
 
 #: The mechanism that costs as much as all others together. `reduced_dataset` does not contain it.
 COSTLIEST_MECHANISM = "end_taper"
 
-#: Mechanisms that depend on earlier samples. While one is active, the recording is simulated with_memory.
-MECHANISMS_WITH_MEMORY = {kind.id for kind in MECHANISMS if issubclass(kind, HISTORY_DEPENDENT)}
+#: Mechanisms that depend on earlier samples. While one is active, the recording is simulated twice.
+_MECHANISMS_WITH_MEMORY = {kind.id for kind in MECHANISMS if issubclass(kind, HISTORY_DEPENDENT)}
 
 #: Compliance of the threads; zero for an inelastic braid.
 COMPLIANCE_PARAMETER = "braid_elasticity.compliance"
@@ -99,26 +99,26 @@ class LibraryProblem:
 
     @property
     def is_logarithmic(self) -> np.ndarray:
-        """(p,) Whether a parameter is fitted on a logarithmic scale; a stated value of the baseline is not.
+        """Return whether each parameter is fitted on a logarithmic scale, (p,).
 
-        Its prior is normal in the value itself, as in a fit.
+        A stated value of the baseline is not: its prior is normal in the value itself, as in a fit.
         """
         is_stated = self.is_baseline & np.isfinite(self.prior_sd)
         return np.array([m.scale == "log" for m in self.meanings]) & ~is_stated
 
     @property
     def is_switch(self) -> np.ndarray:
-        """(p,) Whether a parameter switches its mechanism on."""
+        """Return whether each parameter switches its mechanism on, (p,)."""
         return np.array([m.neutral is not None for m in self.meanings])
 
     @property
     def channels(self) -> tuple[str, str]:
-        """Names of the two predicted channels: force, or length in an isotonic test, and diameter."""
+        """Return the names of both predicted channels: force, or length in an isotonic test, and diameter."""
         return self.case.recording.model_channels
 
     @property
     def n(self) -> int:
-        """Number of rows of the recording."""
+        """Return the number of rows of the recording."""
         return self.case.recording.n
 
     def index(self, name: str) -> int:
@@ -127,7 +127,7 @@ class LibraryProblem:
 
     def predict(self, values: np.ndarray) -> np.ndarray:
         """Return the predicted force (N) and diameter (m), (2, n), at parameter values (p,), SI."""
-        return self.jacobian(values, ())[0]
+        return self.predict_with_jacobian(values, ())[0]
 
     def active(self, values: np.ndarray) -> set[str]:
         """Return the ids of the mechanisms that are switched on at these values."""
@@ -143,7 +143,7 @@ class LibraryProblem:
                 _sweep_derivatives, *_pack_sweep_arguments(dataset, self.neutral, (), True)
             )
 
-    def jacobian(self, values: np.ndarray, indices) -> tuple[np.ndarray, np.ndarray]:
+    def predict_with_jacobian(self, values: np.ndarray, indices) -> tuple[np.ndarray, np.ndarray]:
         """Return the prediction, (2, n), and its derivatives by some parameters, (k, 2, n), SI."""
         indices, active_ids = np.array(list(indices), dtype=int), self.active(values)
         mechanism_ids = [_get_mechanism_id(self.names[k]) for k in indices]
@@ -153,16 +153,16 @@ class LibraryProblem:
             else self.reduced_dataset
         )
         has_memory = np.array(
-            [bool(MECHANISMS_WITH_MEMORY & (active_ids | {id})) for id in mechanism_ids], dtype=bool
+            [bool(_MECHANISMS_WITH_MEMORY & (active_ids | {id})) for id in mechanism_ids], dtype=bool
         )
         prediction, jacobian = None, np.empty((indices.size, 2, self.n))
         for with_memory in (False, True):
             positions = np.flatnonzero(has_memory == with_memory)
-            for k in range(0, positions.size, DERIVATIVES_PER_SWEEP):
-                batch = positions[k : k + DERIVATIVES_PER_SWEEP]
+            for k in range(0, positions.size, _DERIVATIVES_PER_SWEEP):
+                batch = positions[k : k + _DERIVATIVES_PER_SWEEP]
                 prediction, jacobian[batch] = self._run_sweep(dataset, values, indices[batch], with_memory)
         if prediction is None:
-            prediction, _ = self._run_sweep(dataset, values, (), bool(MECHANISMS_WITH_MEMORY & active_ids))
+            prediction, _ = self._run_sweep(dataset, values, (), bool(_MECHANISMS_WITH_MEMORY & active_ids))
         return prediction, jacobian
 
     def _run_sweep(
@@ -179,7 +179,7 @@ def _get_mechanism_id(name: str) -> str:
 
 
 def _pack_sweep_arguments(dataset: Dataset, values, indices, with_memory: bool) -> tuple:
-    slots = np.zeros(DERIVATIVES_PER_SWEEP, dtype=int)
+    slots = np.zeros(_DERIVATIVES_PER_SWEEP, dtype=int)
     slots[: len(indices)] = indices
     counts = jnp.asarray(len(indices)), jnp.asarray(with_memory)
     return dataset, jnp.asarray(values), jnp.asarray(slots), *counts
@@ -201,19 +201,19 @@ def _sweep_derivatives(
 
     def fill(k, carry):
         _, jacobian = carry
-        now = jax.lax.dynamic_slice_in_dim(slots, k * DERIVATIVES_PER_PASS, DERIVATIVES_PER_PASS)
+        now = jax.lax.dynamic_slice_in_dim(slots, k * _DERIVATIVES_PER_PASS, _DERIVATIVES_PER_PASS)
         tangents = jax.nn.one_hot(now, values.size, dtype=values.dtype)
         # Batched: the common part of all directions is computed once, while it is in the processor cache.
         prediction, tangent_prediction = jax.vmap(
             lambda t: jax.jvp(predict, (values,), (t,)), out_axes=(None, 0)
         )(tangents)
         return prediction, jax.lax.dynamic_update_slice_in_dim(
-            jacobian, tangent_prediction, k * DERIVATIVES_PER_PASS, 0
+            jacobian, tangent_prediction, k * _DERIVATIVES_PER_PASS, 0
         )
 
     nothing = jnp.zeros((2, dataset.rows.pressure.size))
-    rounds = jnp.maximum(-(-count // DERIVATIVES_PER_PASS), 1)
-    return jax.lax.fori_loop(0, rounds, fill, (nothing, jnp.zeros((DERIVATIVES_PER_SWEEP, *nothing.shape))))
+    rounds = jnp.maximum(-(-count // _DERIVATIVES_PER_PASS), 1)
+    return jax.lax.fori_loop(0, rounds, fill, (nothing, jnp.zeros((_DERIVATIVES_PER_SWEEP, *nothing.shape))))
 
 
 def compute_program_rows(n: int) -> int:
@@ -222,12 +222,12 @@ def compute_program_rows(n: int) -> int:
     >>> [compute_program_rows(n) for n in (5, 870, 5000)]
     [1280, 1280, 5120]
     """
-    power = math.ceil(math.log(max(n, 1) / MIN_PROGRAM_ROWS, PROGRAM_ROWS_FACTOR) - 1e-9)
-    return MIN_PROGRAM_ROWS * PROGRAM_ROWS_FACTOR ** max(power, 0)
+    power = math.ceil(math.log(max(n, 1) / _MIN_PROGRAM_ROWS, _PROGRAM_ROWS_FACTOR) - 1e-9)
+    return _MIN_PROGRAM_ROWS * _PROGRAM_ROWS_FACTOR ** max(power, 0)
 
 
 def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETTINGS) -> LibraryProblem:
-    """Build the problem of a recording and all mechanisms.
+    """Return the problem of a recording and all mechanisms.
 
     Args:
         case: the recording and the stated values of its muscle; the baseline is inelastic or elastic.

@@ -10,7 +10,7 @@ from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER, Libra
 from pamjax.diagnosis.settings import DiagnosisSettings
 
 #: 90 % quantile of the standard normal distribution.
-NORMAL_QUANTILE_90 = 1.28
+_NORMAL_QUANTILE_90 = 1.28
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def _compute_speeds(problem: LibraryProblem) -> tuple[float, float]:
         return 1.0, 1e-3
     slow, fast = speed[np.searchsorted(distance, distance[-1] * np.array([0.1, 0.9]))]
     weights = np.median(np.linalg.norm(np.asarray(history.rate_weights)[: problem.n], axis=1))
-    noise = NORMAL_QUANTILE_90 * (problem.case.entry.sensors.length or 0.0) * float(weights)
+    noise = _NORMAL_QUANTILE_90 * (problem.case.entry.sensors.length or 0.0) * float(weights)
     return float((fast - noise) / (slow + noise)), float(np.sqrt(slow * fast))
 
 

@@ -27,7 +27,7 @@ from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.diagnosis.settings import DiagnosisSettings
 
 #: Shares of the linear amplitudes of an alternative from which a refit starts.
-START_AMPLITUDE_SHARES = (1.0, 0.1)
+_START_AMPLITUDE_SHARES = (1.0, 0.1)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Experiment:
 def propose_experiments(
     problem: LibraryProblem, fit: CandidateFit, named_mechanisms: Sequence[NamedMechanism]
 ) -> list[Experiment]:
-    """Choose protocols that distinguish each identified mechanism from its indistinguishable alternatives.
+    """Return protocols that distinguish each identified mechanism from its indistinguishable alternatives.
 
     Args:
         problem: the recording and the library.
@@ -136,7 +136,7 @@ def _format_duration(minutes: float) -> str:
 
 
 def fit_rival(problem: LibraryProblem, fit: CandidateFit, name: str, rival: str) -> CandidateFit | None:
-    """Refit the model with a rival instead of a mechanism; None if the rival is not testable."""
+    """Return the model refitted with a rival instead of a mechanism; None if the rival is not testable."""
     candidate = next((f for f in fit.mechanisms if f.id == name), None)
     candidates = [f for f in build_candidates(problem) if f.id == rival]
     if candidate is None or not candidates:
@@ -148,10 +148,10 @@ def fit_rival(problem: LibraryProblem, fit: CandidateFit, name: str, rival: str)
         _get_free_indices(problem, remaining),
         switch_off_candidate(problem, fit.estimate.values, candidate),
     )
-    return fit_best_candidate(problem, CandidateFit(remaining, fit.noise, reduced_estimate), candidates)
+    return fit_best_rival(problem, CandidateFit(remaining, fit.noise, reduced_estimate), candidates)
 
 
-def fit_best_candidate(
+def fit_best_rival(
     problem: LibraryProblem, reduced_fit: CandidateFit, candidates: Sequence[Candidate]
 ) -> CandidateFit:
     """Return the best refit of a model with one more candidate.
@@ -166,7 +166,7 @@ def fit_best_candidate(
     rough_fits = []
     for score_direction in best_directions:
         mechanisms = (*reduced_fit.mechanisms, score_direction.candidate)
-        for share in START_AMPLITUDE_SHARES:
+        for share in _START_AMPLITUDE_SHARES:
             values = switch_on_candidate(
                 problem,
                 reduced_fit.estimate.values,

@@ -1,9 +1,9 @@
 """Power: the probability that a protocol identifies which of two models is true, after refits of both.
 
 A and B fit the recording equally well. On a new protocol their predictions differ by δ. A refit to both
-recordings absorbs a part of δ. Let δ and the Jacobian J of a model be whitened by the new noise, and let H be
-the information on its parameters from the recording and the priors. Then the χ² of a difference r after the
-refit is
+recordings absorbs a part of δ. Let δ and the Jacobian J of a model be whitened by the new noise. Let H be the
+information on its parameters from the recording and the priors. Then the χ² of a difference r after the refit
+is
 
     χ²(r) = rᵀ (I + J H⁻¹ Jᵀ)⁻¹ r = rᵀr − rᵀJ (H + JᵀJ)⁻¹ Jᵀr.
 
@@ -44,23 +44,11 @@ class LinearisedModel:
         return np.sum(differences**2, axis=-1) - np.sum((pull @ inverse) * pull, axis=-1)
 
     def sample_predictions(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Draw parameters from their uncertainty and return the changes of the prediction, (count, m)."""
+        """Return changes of the prediction by draws of the parameters from their uncertainty, (count, m)."""
         unit = np.sqrt(np.maximum(np.diag(self.information), 1e-300))
         weights, axes = np.linalg.eigh(self.information / np.outer(unit, unit))
         draws = rng.standard_normal((count, unit.size)) / np.sqrt(np.maximum(weights, 1e-12))
         return (draws @ axes.T / unit) @ self.jacobian
-
-
-def compute_power(
-    delta: np.ndarray,
-    a: LinearisedModel,
-    b: LinearisedModel,
-    draws: int = DEFAULT_SETTINGS.power_draws,
-    seed: int = 0,
-    false_alarm_rate: float = DEFAULT_SETTINGS.false_alarm_rate,
-) -> float:
-    """Return the probability that B is rejected if A is true; see `compute_power_and_limit`."""
-    return compute_power_and_limit(delta, a, b, draws, seed, false_alarm_rate)[0]
 
 
 def compute_power_and_limit(

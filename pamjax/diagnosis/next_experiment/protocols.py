@@ -1,8 +1,8 @@
 """Menu of short protocols for the next experiment, scaled to the muscle and the rig.
 
-A protocol moves pressure and length along straight lines between corners, or measures a parameter directly
-(vented gauge, dead weight, steel bar in the grips), or both. Amplitudes and speeds are within the range of
-the recording.
+A protocol moves pressure and length along straight lines between corners, measures a parameter directly, or
+does both. Direct measurements use a vented gauge, a dead weight, or a steel bar in the grips. Amplitudes and
+speeds are within the range of the recording.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from pamjax.diagnosis.next_experiment.rig import Corner, RigLimits, sample_path
 from pamjax.records.protocol import Schedule
 
 #: Independent samples in the mean of a direct reading; more samples have correlated noise.
-INDEPENDENT_READING_COUNT = 10
+_INDEPENDENT_READING_COUNT = 10
 
 #: Standard deviation of a reference (dead weights, second gauge): share of the reading; of a gauge block: m.
-REFERENCE_SD_SHARE, GAUGE_BLOCK_SD_M = 1e-3, 2e-5
+_REFERENCE_SD_SHARE, _GAUGE_BLOCK_SD_M = 1e-3, 2e-5
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def _build_repeated_low(rig: RigLimits) -> list[Corner]:
 
 
 def _read_zeros(rig: RigLimits) -> dict[str, float]:
-    root_count = INDEPENDENT_READING_COUNT**0.5
+    root_count = _INDEPENDENT_READING_COUNT**0.5
     return {
         "force_offset.offset": rig.force_noise / root_count,
         "pressure_offset.offset": rig.pressure_noise / root_count,
@@ -140,22 +140,24 @@ def _read_zeros(rig: RigLimits) -> dict[str, float]:
 
 
 def _read_bar(rig: RigLimits) -> dict[str, float]:
-    root_count = INDEPENDENT_READING_COUNT**0.5
+    root_count = _INDEPENDENT_READING_COUNT**0.5
     return {
         "rig_compliance.compliance": rig.length_noise / root_count / rig.max_force,
         "channel_lag.lag": rig.step / root_count,
-        "length_offset.offset": max(rig.length_noise / root_count, GAUGE_BLOCK_SD_M),
-        "diameter_offset.offset": max(rig.diameter_noise / root_count, GAUGE_BLOCK_SD_M),
+        "length_offset.offset": max(rig.length_noise / root_count, _GAUGE_BLOCK_SD_M),
+        "diameter_offset.offset": max(rig.diameter_noise / root_count, _GAUGE_BLOCK_SD_M),
     }
 
 
 def _read_references(rig: RigLimits) -> dict[str, float]:
-    root_count = INDEPENDENT_READING_COUNT**0.5
+    root_count = _INDEPENDENT_READING_COUNT**0.5
     return {
-        "force_gain.gain": max(rig.force_noise / root_count / rig.max_force, REFERENCE_SD_SHARE),
-        "pressure_gain.gain": max(rig.pressure_noise / root_count / rig.max_pressure, REFERENCE_SD_SHARE),
-        "pressure_offset.offset": max(rig.pressure_noise / root_count, REFERENCE_SD_SHARE * rig.max_pressure),
-        "force_offset.offset": max(rig.force_noise / root_count, REFERENCE_SD_SHARE * rig.max_force),
+        "force_gain.gain": max(rig.force_noise / root_count / rig.max_force, _REFERENCE_SD_SHARE),
+        "pressure_gain.gain": max(rig.pressure_noise / root_count / rig.max_pressure, _REFERENCE_SD_SHARE),
+        "pressure_offset.offset": max(
+            rig.pressure_noise / root_count, _REFERENCE_SD_SHARE * rig.max_pressure
+        ),
+        "force_offset.offset": max(rig.force_noise / root_count, _REFERENCE_SD_SHARE * rig.max_force),
     }
 
 
@@ -246,9 +248,9 @@ PROTOCOL_MENU = (
             " caliper"
         ),
         get_direct_readings=lambda rig: {
-            "end_taper.share": rig.diameter_noise / (0.1 * rig.rest_length) / INDEPENDENT_READING_COUNT**0.5,
+            "end_taper.share": rig.diameter_noise / (0.1 * rig.rest_length) / _INDEPENDENT_READING_COUNT**0.5,
             "diameter_offset.offset": max(
-                rig.diameter_noise / INDEPENDENT_READING_COUNT**0.5, GAUGE_BLOCK_SD_M
+                rig.diameter_noise / _INDEPENDENT_READING_COUNT**0.5, _GAUGE_BLOCK_SD_M
             ),
         },
         operator_minutes=15.0,

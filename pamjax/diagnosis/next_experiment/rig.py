@@ -57,7 +57,7 @@ class RigLimits:
 
 
 def sample_path(corners: list[Corner], step: float, optical: bool, begin: float = 0.0) -> Schedule:
-    """Sample straight lines between corners evenly, with at most `MAX_PROTOCOL_ROWS` rows."""
+    """Return even samples of straight lines between corners, with at most `MAX_PROTOCOL_ROWS` rows."""
     seconds, pressure, length, cycle = (np.array(x, dtype=float) for x in zip(*corners, strict=True))
     arrival_time = np.cumsum(seconds) - seconds[0]
     step = max(step, arrival_time[-1] / (MAX_PROTOCOL_ROWS - 1))

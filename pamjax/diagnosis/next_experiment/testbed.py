@@ -28,7 +28,7 @@ from pamjax.records.protocol import Schedule
 from pamjax.records.recording import Recording
 
 #: Seconds between a recording and the next protocol.
-PAUSE_BEFORE_PROTOCOL_S = 60.0
+_PAUSE_BEFORE_PROTOCOL_S = 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class SimulatedTestbed:
 
     @classmethod
     def from_fit(cls, problem: LibraryProblem, fit: CandidateFit) -> SimulatedTestbed:
-        """Build the testbed of a recording and its fitted model."""
+        """Return the testbed of a recording and its fitted model."""
         recording, sensors = problem.case.recording, problem.case.entry.sensors
         step, duration = _read_clock(recording)
         channels = fit.noise.channels
@@ -72,7 +72,7 @@ class SimulatedTestbed:
             sensor_sd,
             float(sd_inflation),
             correlations,
-            duration + PAUSE_BEFORE_PROTOCOL_S,
+            duration + _PAUSE_BEFORE_PROTOCOL_S,
         )
 
     def simulate(self, schedule: Schedule) -> LibraryProblem:
@@ -167,7 +167,7 @@ def compute_contrast(
     if schedule is not None:
         planned_problem = testbed.simulate(schedule)
         (shown_a, jacobian_a), (shown_b, jacobian_b) = (
-            planned_problem.jacobian(m.estimate.values, m.estimate.free) for m in (a, b)
+            planned_problem.predict_with_jacobian(m.estimate.values, m.estimate.free) for m in (a, b)
         )
         is_measured = np.isfinite(shown_a) & np.isfinite(shown_b)
         # A negative force means that the muscle is slack: such samples do not distinguish the models.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 
@@ -11,14 +10,14 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.input_noise import propagate_input_noise
 from pamjax.infer.noise.estimate import compute_noise_variances, estimate_noise_model
 from pamjax.infer.noise.noise_model import NoiseModel
-from pamjax.infer.noise.static_table import estimate_table_variance
+from pamjax.infer.noise.static_table import TableVariance, estimate_table_variance
 from pamjax.infer.problem.dataset import CHANNELS, Dataset
 
 
 def estimate_noise(
     problem: LibraryProblem, values: np.ndarray, training_rows: np.ndarray, max_noise_ratio: float = 1.0
 ) -> NoiseModel:
-    """Estimate the noise model from the residual at some parameter values.
+    """Return the noise model, estimated from the residual at some parameter values.
 
     Args:
         problem: the recording and the library.
@@ -57,14 +56,14 @@ def _predict_dataset(problem: LibraryProblem, dataset: Dataset, values: np.ndarr
 
 def _estimate_table_variances(
     problem: LibraryProblem, training_rows: np.ndarray
-) -> list[tuple[float, float]]:
-    """Return by channel the noise variance of a static table and its degrees of freedom; NaN with time.
+) -> list[TableVariance | None]:
+    """Return the noise variance of a static table by channel; None for a recording with time.
 
     It uses the misfit of the neutral muscle: a model fitted to few rows would underestimate the noise.
     """
     recording = problem.case.recording
     if recording.has_time:
-        return [(math.nan, 0.0)] * len(CHANNELS)
+        return [None] * len(CHANNELS)
     misfit = problem.measured - problem.predict(problem.neutral)
     rows_by_channel = [np.isfinite(misfit[c]) & training_rows for c in range(len(CHANNELS))]
     return [

@@ -13,8 +13,8 @@ correction, a delay of half a sample can have a lower χ² than the true model.
 The mean over u uses random signs, ±sd, the same for every model. Four draws have the signs of the rows of
 a Hadamard matrix: products of neighbours, and of pressure and length, then average to zero.
 
-The correction is at most a tenth of the samples: for a model that amplifies noise strongly, noise added to
-an already noisy path is no good estimate of noise on the true path.
+The correction is at most a tenth of the samples. If a model amplifies noise strongly, noise added to an
+already noisy path is no good estimate of noise on the true path.
 Source: derived here; signs as M. F. Hutchinson, Commun. Stat. Simul. 18, 1059 (1989); Hadamard's rows as
 C. Bekas, E. Kokiopoulou, Y. Saad, Appl. Numer. Math. 57, 1214 (2007).
 """
@@ -28,16 +28,16 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import hadamard
 
-from pamjax.diagnosis.library.candidates import MECHANISMS_NEEDING_TIME
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.infer.noise.sensor_noise import compute_sensitivities
+from pamjax.model.registry import MECHANISMS
 
 #: Number of draws, a power of two, and their seed. All models use the same draws.
-INPUT_NOISE_DRAWS, INPUT_NOISE_SEED = 4, 7
+_INPUT_NOISE_DRAWS, _INPUT_NOISE_SEED = 4, 7
 
 
-#: Mechanisms whose effect depends on the inputs of other samples. Drift is a function of time alone.
-_MECHANISMS_MIXING_SAMPLES = MECHANISMS_NEEDING_TIME - {"force_drift"}
+#: Mechanisms whose effect depends on the inputs of other samples.
+_MECHANISMS_MIXING_SAMPLES = {kind.id for kind in MECHANISMS if kind.mixes_samples}
 
 
 def compute_input_noise_chi2(
@@ -71,25 +71,27 @@ def compute_input_noise_chi2_and_gradient(
         return 0.0, gradient
     positions = np.flatnonzero([_mixes_samples(problem.names[k]) for k in indices])
     own_indices = [indices[position] for position in positions]
-    prediction, jacobian = problem.jacobian(values, own_indices)
+    prediction, jacobian = problem.predict_with_jacobian(values, own_indices)
     total, size = 0.0, 0
     statics = _propagate_without_memory(problem, values)
     for perturbed_problem, static in zip(perturbed_problems, statics, strict=True):
-        perturbed_prediction, perturbed_jacobian = perturbed_problem.jacobian(values, own_indices)
+        perturbed_prediction, perturbed_jacobian = perturbed_problem.predict_with_jacobian(
+            values, own_indices
+        )
         with_memory = whiten(np.nan_to_num(perturbed_prediction - prediction))
         without_memory = whiten(np.nan_to_num(static))
         total += float(with_memory @ with_memory - without_memory @ without_memory)
         size = with_memory.size
         if own_indices:
             slope = whiten(np.nan_to_num(perturbed_jacobian - jacobian))
-            gradient[positions] += 2 * slope @ with_memory / INPUT_NOISE_DRAWS
+            gradient[positions] += 2 * slope @ with_memory / _INPUT_NOISE_DRAWS
     limit = problem.settings.max_input_noise_chi2_share * size
-    return min(total / INPUT_NOISE_DRAWS, limit), gradient
+    return min(total / _INPUT_NOISE_DRAWS, limit), gradient
 
 
 def _propagate_without_memory(problem: LibraryProblem, values: np.ndarray) -> list[np.ndarray]:
     """Return the change of the prediction of the muscle without memory by each draw, (2, n), SI."""
-    draws = sample_input_noise(problem)
+    draws = _sample_input_noise(problem)
     if problem.case.recording.measures_length:
         # The length at a set force depends on its input through the memories only.
         has_memory = np.array([_mixes_samples(name) for name in problem.names])
@@ -117,17 +119,17 @@ def build_perturbed_problems(problem: LibraryProblem, values: np.ndarray) -> lis
     """Return the problem with each draw of input noise added; empty without memory or input noise."""
     if not _has_memory(problem, values) or not any(_get_input_noise_sd(problem)):
         return []
-    return [_perturb_problem(problem, *draw) for draw in sample_input_noise(problem)]
+    return [_perturb_problem(problem, *draw) for draw in _sample_input_noise(problem)]
 
 
-def sample_input_noise(problem: LibraryProblem) -> list[tuple[np.ndarray, np.ndarray]]:
+def _sample_input_noise(problem: LibraryProblem) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the draws of pressure and length noise, (n,) each, SI."""
     pressure, length = _get_input_noise_sd(problem)
-    signs = np.random.default_rng(INPUT_NOISE_SEED).choice([-1.0, 1.0], (2, problem.n))
-    position = np.arange(problem.n) % (INPUT_NOISE_DRAWS // 2)
+    signs = np.random.default_rng(_INPUT_NOISE_SEED).choice([-1.0, 1.0], (2, problem.n))
+    position = np.arange(problem.n) % (_INPUT_NOISE_DRAWS // 2)
     return [
-        (pressure * signs[0] * row[position], length * signs[1] * row[INPUT_NOISE_DRAWS // 2 + position])
-        for row in hadamard(INPUT_NOISE_DRAWS)
+        (pressure * signs[0] * row[position], length * signs[1] * row[_INPUT_NOISE_DRAWS // 2 + position])
+        for row in hadamard(_INPUT_NOISE_DRAWS)
     ]
 
 

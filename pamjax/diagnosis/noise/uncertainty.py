@@ -4,13 +4,13 @@ A direction d, white and of unit length, has the noise variance
 
     V(ρ′) = Σ_ω |d(ω)|² S(ω; ρ′) / S(ω; ρ),     S(ω; ρ) = 1 − A + A (1 − ρ²) / |1 − ρ e^(−iω)|²,
 
-if the true correlation is ρ′ and the assumed one is ρ: a larger ρ′ gives a slow direction more variance and
-a fast one less. The prior of ρ′ is one half at zero and one half uniform up to the setting
+if the true correlation is ρ′ and the assumed one is ρ. A larger ρ′ gives a slow direction more variance and a
+fast one less. The prior of ρ′ is one half at zero and one half uniform up to the setting
 `max_noise_correlation`. The likelihood is the estimate from neighbours' differences with its standard error.
-This error is large if the sensor noise is a small part of the total, because the input noise is known only to
-a share of its variance. A channel without an estimated correlation has the uncertainty of a variance from
-that many squared differences. For a sensor without stated noise, variance and correlation are uncertain
-together (`unknown_sensor.py`).
+This error is large if the sensor noise is a small part of the total. The input noise is known only to a share
+of its variance. A channel without an estimated correlation has the uncertainty of a variance from that many
+squared differences. For a sensor without stated noise, variance and correlation are uncertain together
+(`unknown_sensor.py`).
 Neglects: the ends of runs, and a sensor that is worse than stated.
 Source: filtering of a stationary process, derived here.
 """

@@ -37,7 +37,7 @@ from pamjax.infer.form_errors.discrepancy import (
 )
 
 #: Share of a template that the parameters must not imitate; a smaller one is rounding.
-MIN_FREE_SHARE = 1e-3
+_MIN_FREE_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +84,12 @@ def find_best_template_fit(
         fits: fits with different mechanisms; the best template is added to each.
         max_cost: −2 ln L + k ln n of the model that they compete with.
     """
-    template_fits = parallel_map(lambda fit: fit_best_template(problem, templates, fit), list(fits))
+    template_fits = parallel_map(lambda fit: _fit_best_template(problem, templates, fit), list(fits))
     better = [each for each in template_fits if each is not None and each.cost < max_cost]
     return min(better, key=lambda each: each.cost) if better else None
 
 
-def fit_best_template(
+def _fit_best_template(
     problem: LibraryProblem, templates: Sequence[Template], fit: CandidateFit
 ) -> TemplateFit | None:
     """Return the fit with the template that explains most of its residual; None if no template applies."""
@@ -170,7 +170,7 @@ def compute_explained_chi2(fit: CandidateFit, templates: Sequence[Template]) -> 
         columns = np.nan_to_num(fit.noise.whiten(template.columns))
         own, across = columns @ columns.T, (columns @ jacobian) / unit
         free = own - across @ covariance @ across.T
-        if np.all(np.diag(own) > 0) and np.all(np.diag(free) > MIN_FREE_SHARE * np.diag(own)):
+        if np.all(np.diag(own) > 0) and np.all(np.diag(free) > _MIN_FREE_SHARE * np.diag(own)):
             along = columns @ fit.estimate.residual
             explained[k] = along @ np.linalg.lstsq(free, along, rcond=1e-9)[0]
     return explained

@@ -12,7 +12,7 @@ from pamjax.infer.noise.sensor_noise import compute_sensitivities
 from pamjax.records.blocks import Blocks
 
 #: Parameters that describe the stiffness of the threads; each baseline has one of them.
-STIFFNESS_PARAMETERS = ("thread.modulus", "thread.stiffness", COMPLIANCE_PARAMETER)
+_STIFFNESS_PARAMETERS = ("thread.modulus", "thread.stiffness", COMPLIANCE_PARAMETER)
 
 
 def build_template_context(
@@ -31,7 +31,7 @@ def build_template_context(
         np.nan_to_num(np.asarray(s)[0, : problem.n])
         for s in compute_sensitivities(problem.dataset, jnp.asarray(values))
     )
-    stiffness = next(name for name in STIFFNESS_PARAMETERS if name in problem.names)
+    stiffness = next(name for name in _STIFFNESS_PARAMETERS if name in problem.names)
     return TemplateContext(
         time=None if recording.time is None else recording.time - recording.time[0],
         pressure=recording.pressure,
@@ -42,6 +42,6 @@ def build_template_context(
         prediction=problem.predict(values),
         by_pressure=by_pressure,
         by_length=by_length,
-        by_stiffness=problem.jacobian(values, [problem.index(stiffness)])[1][0],
+        by_stiffness=problem.predict_with_jacobian(values, [problem.index(stiffness)])[1][0],
         settings=problem.settings,
     )

@@ -20,13 +20,13 @@ from pamjax.model.form_error import FormError
 from pamjax.records.blocks import Blocks
 
 #: Number of moments and of contractions at which a template may begin.
-MOMENT_COUNT, CONTRACTION_COUNT = 96, 24
+_MOMENT_COUNT, CONTRACTION_COUNT = 96, 24
 #: Pressures below which a muscle bends, and the width of the transition, as shares of the highest pressure.
-BENDING_PRESSURES, BENDING_TRANSITION = (0.2, 0.3, 0.4, 0.5, 0.6), 0.08
+_BENDING_PRESSURES, _BENDING_TRANSITION = (0.2, 0.3, 0.4, 0.5, 0.6), 0.08
 #: Periods over the stroke of a ripple.
-RIPPLE_PERIODS = np.arange(4.0, 20.5, 0.5)
+_RIPPLE_PERIODS = np.arange(4.0, 20.5, 0.5)
 #: Number of frequencies of an interference that are tried, of those that exceed the noise around them most.
-FREQUENCY_COUNT = 3
+_FREQUENCY_COUNT = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,12 +79,12 @@ class TemplateContext:
 
     @property
     def residual(self) -> np.ndarray:
-        """(n,) Force residual of the baseline, N; zero where none was measured."""
+        """Return the force residual of the baseline, (n,) N; zero where none was measured."""
         return np.nan_to_num(self.force - self.prediction[0])
 
     @property
     def contraction(self) -> np.ndarray:
-        """(n,) 1 − L/L₀."""
+        """Return the contraction 1 − L/L₀, (n,)."""
         return 1 - self.length / self.rest_length
 
 
@@ -92,7 +92,7 @@ def build_templates(context: TemplateContext) -> list[Template]:
     """Return every template at every place; those that the recording cannot show are left out."""
     out = []
     for id, build in TEMPLATES.items():
-        form_error = FORM_ERRORS.get(id, FormError())
+        form_error = _FORM_ERRORS.get(id, FormError())
         variants = [
             (says, np.stack([_fill_channels(column) for column in columns]))
             for says, columns in build(context)
@@ -115,7 +115,7 @@ Variants = Iterator[tuple[str, list[np.ndarray]]]
 
 def _list_moments(time: np.ndarray) -> list[tuple[float, np.ndarray]]:
     """Return moments, s, and for each the mask of the rows after it."""
-    steps = np.linspace(0, time.size, MOMENT_COUNT + 2)[1:-1].astype(int)
+    steps = np.linspace(0, time.size, _MOMENT_COUNT + 2)[1:-1].astype(int)
     return [(float(time[k]), np.arange(time.size) >= k) for k in np.unique(steps)]
 
 
@@ -124,14 +124,14 @@ def _list_contractions(context: TemplateContext) -> np.ndarray:
     return np.linspace(low, high, CONTRACTION_COUNT + 2)[1:-1]
 
 
-def build_zero_steps(context: TemplateContext) -> Variants:
+def _build_zero_steps(context: TemplateContext) -> Variants:
     """Yield a step of the force zero at one moment."""
     if context.time is not None:
         for moment, after in _list_moments(context.time):
             yield f"a step of the force zero after {moment:.0f} s", [after.astype(float)]
 
 
-def build_thread_breaks(context: TemplateContext) -> Variants:
+def _build_thread_breaks(context: TemplateContext) -> Variants:
     """Yield a loss of stiffness of the threads, or of a share of the force, from one moment."""
     if context.time is not None:
         for moment, after in _list_moments(context.time):
@@ -140,14 +140,14 @@ def build_thread_breaks(context: TemplateContext) -> Variants:
             yield says, [after * context.by_stiffness]
 
 
-def build_stops(context: TemplateContext) -> Variants:
+def _build_stops(context: TemplateContext) -> Variants:
     """Yield an elastic stop that the muscle touches beyond a contraction, at either end of the stroke."""
     for x in _list_contractions(context):
         yield f"a stop beyond {x:.1%} contraction", [np.maximum(context.contraction - x, 0)]
         yield f"a stop below {x:.1%} contraction", [np.maximum(x - context.contraction, 0)]
 
 
-def build_buckling(context: TemplateContext) -> Variants:
+def _build_buckling(context: TemplateContext) -> Variants:
     """Yield a force beyond a contraction that acts at high or at low pressure: the muscle bends sideways."""
     pressure, highest = context.pressure, max(float(np.nanmax(context.pressure)), 1e-9)
     for x in _list_contractions(context):
@@ -155,12 +155,12 @@ def build_buckling(context: TemplateContext) -> Variants:
         says = f"bending beyond {x:.1%} contraction"
         yield f"{says} at high pressure", [pressure / highest * beyond]
         # Pressure stiffens a muscle against bending: it bends below an unknown pressure.
-        for share in BENDING_PRESSURES:
-            weight = expit((share - pressure / highest) / BENDING_TRANSITION)
+        for share in _BENDING_PRESSURES:
+            weight = expit((share - pressure / highest) / _BENDING_TRANSITION)
             yield f"{says} below {share * highest / 1e3:.0f} kPa", [weight * beyond]
 
 
-def build_clipping(context: TemplateContext) -> Variants:
+def _build_clipping(context: TemplateContext) -> Variants:
     """Yield a load cell that does not read above the largest measured force."""
     force, level = context.force, float(np.nanmax(context.force, initial=-np.inf))
     # A converter at its limit repeats the same reading.
@@ -168,12 +168,12 @@ def build_clipping(context: TemplateContext) -> Variants:
         yield f"a load cell that clips at {level:.0f} N", [-np.maximum(context.prediction[0] - level, 0)]
 
 
-def build_length_ripples(context: TemplateContext) -> Variants:
+def _build_length_ripples(context: TemplateContext) -> Variants:
     """Yield a force that is periodic in length, of one size or in proportion to the force."""
     length = context.length
     stroke = float(np.ptp(length))
     if stroke > 0:
-        for k in RIPPLE_PERIODS:
+        for k in _RIPPLE_PERIODS:
             phase = 2 * np.pi * k * (length - length.min()) / stroke
             says = f"a force with a period of {1e3 * stroke / k:.2g} mm in length"
             yield says, [np.cos(phase), np.sin(phase)]
@@ -183,12 +183,12 @@ def build_length_ripples(context: TemplateContext) -> Variants:
             )
 
 
-def build_interference(context: TemplateContext) -> Variants:
+def _build_interference(context: TemplateContext) -> Variants:
     """Yield a periodic disturbance of the force, or of the pressure, at the frequencies that stand out."""
     if context.time is None:
         return
     frequencies, power = compute_relative_power(context.residual, context.time)
-    for k in np.argsort(-power)[:FREQUENCY_COUNT]:
+    for k in np.argsort(-power)[:_FREQUENCY_COUNT]:
         frequency = refine_frequency(context.residual, context.time, float(frequencies[k]))
         phase = 2 * np.pi * frequency * context.time
         pair = [np.cos(phase), np.sin(phase)]
@@ -197,7 +197,7 @@ def build_interference(context: TemplateContext) -> Variants:
         yield f"{says} in pressure", [context.by_pressure * f for f in pair]
 
 
-def build_single_blocks(context: TemplateContext) -> Variants:
+def _build_single_blocks(context: TemplateContext) -> Variants:
     """Yield one block that differs from all others, by a force or by a shift of length."""
     label = context.blocks.label
     for k, name in enumerate(context.blocks.names):
@@ -206,7 +206,7 @@ def build_single_blocks(context: TemplateContext) -> Variants:
         yield f"{name} alone, with another length", [inside * context.by_length]
 
 
-def build_stuck_lengths(context: TemplateContext) -> Variants:
+def _build_stuck_lengths(context: TemplateContext) -> Variants:
     """Yield a length channel that repeats its reading while the muscle moves on."""
     length = context.length
     is_stuck = _find_repeated_readings(length, context.settings.min_stuck_readings)
@@ -226,16 +226,16 @@ def _find_repeated_readings(values: np.ndarray, min_run: int) -> np.ndarray:
 
 #: Templates by family.
 TEMPLATES: dict[str, Callable[[TemplateContext], Variants]] = {
-    "zero_step": build_zero_steps,
-    "thread_break": build_thread_breaks,
-    "stop": build_stops,
-    "buckling": build_buckling,
-    "clipping": build_clipping,
-    "length_ripple": build_length_ripples,
-    "interference": build_interference,
-    "single_block": build_single_blocks,
-    "stuck_length": build_stuck_lengths,
+    "zero_step": _build_zero_steps,
+    "thread_break": _build_thread_breaks,
+    "stop": _build_stops,
+    "buckling": _build_buckling,
+    "clipping": _build_clipping,
+    "length_ripple": _build_length_ripples,
+    "interference": _build_interference,
+    "single_block": _build_single_blocks,
+    "stuck_length": _build_stuck_lengths,
 }
 
 #: Where the shape of a family is inexact; the shapes of the other families are exact.
-FORM_ERRORS = {"buckling": FormError(("pressure", "pressure^2", "length", "length^2", "pressure length"))}
+_FORM_ERRORS = {"buckling": FormError(("pressure", "pressure^2", "length", "length^2", "pressure length"))}

@@ -17,7 +17,7 @@ from pamjax.infer.noise.autocorrelation import compute_variance_inflation
 from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Refits, each with the noise of the residual before it.
-NOISE_ROUNDS = 2
+_NOISE_ROUNDS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +43,12 @@ class CandidateFit:
 
     @property
     def ids(self) -> tuple[str, ...]:
-        """Ids of the mechanisms."""
+        """Return the ids of the mechanisms."""
         return tuple(candidate.id for candidate in self.mechanisms)
 
     @property
     def corrected_chi2(self) -> float:
-        """Cost minus the expected χ² due to input noise; not reduced below the expected χ² of noise."""
+        """Return the cost minus the expected χ² of input noise, at least the expected χ² of noise."""
         noise_chi2 = self.noise.weight**2 * self.noise.size - len(self.estimate.free)
         return self.estimate.chi2_with_priors - min(
             self.input_noise_chi2, max(self.estimate.chi2_with_priors - noise_chi2, 0.0)
@@ -56,7 +56,9 @@ class CandidateFit:
 
     @property
     def bic(self) -> float:
-        """Bayesian information criterion: corrected χ² + ln n for each parameter that is not the baseline's.
+        """Return the Bayesian information criterion.
+
+        It is the corrected χ² + ln n for each parameter that is not the baseline's.
 
         The χ² of stated values in favour of a mechanism is subtracted.
         """
@@ -66,28 +68,28 @@ class CandidateFit:
 
     @property
     def full_bic(self) -> float:
-        """BIC with the log-determinant of the noise, to compare models with different noise models."""
+        """Return the BIC with the log-determinant of the noise, to compare different noise models."""
         return self.bic + self.noise.log_determinant
 
     @property
     def excess_chi2(self) -> float:
-        """χ² above its expected value for noise alone."""
+        """Return the χ² above its expected value for noise alone."""
         return max(self.estimate.chi2 - self.input_noise_chi2 - self.noise.size, 0.0)
 
     @property
     def variance_inflation(self) -> float:
-        """Mean square residual of a model with systematic misfit; 1 without."""
+        """Return the mean square residual of a model with systematic misfit; 1 without."""
         return max(self.estimate.chi2 / max(self.noise.size, 1), 1.0)
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance of the free parameters, SI, (k, k)."""
+        """Return the covariance of the free parameters, SI, (k, k)."""
         return self.within_model_covariance + self.between_model_covariance
 
     @property
     def within_model_covariance(self) -> np.ndarray:
-        """Covariance within this model, SI, (k, k), without the differences between models."""
-        inflation = compute_variance_inflation(self.estimate.residual, self.noise.starts)
+        """Return the covariance within this model, SI, (k, k), without the differences between models."""
+        inflation = compute_variance_inflation(self.estimate.residual, self.noise.is_run_start)
         return self.estimate.compute_covariance(inflation) + np.multiply.outer(
             self.errors_in_variables_bias, self.errors_in_variables_bias
         )
@@ -107,7 +109,7 @@ def fit_candidate(
     values: np.ndarray,
     max_noise_ratio: float | None = None,
 ) -> CandidateFit:
-    """Refit the baseline with some candidates, with noise estimated from its own residual.
+    """Return the baseline refitted with some candidates, with noise estimated from its own residual.
 
     Args:
         problem: the recording and the library.
@@ -118,7 +120,7 @@ def fit_candidate(
     """
     free = get_free_indices(problem, mechanisms)
     ratio = problem.settings.max_noise_ratio if max_noise_ratio is None else max_noise_ratio
-    for _ in range(NOISE_ROUNDS):
+    for _ in range(_NOISE_ROUNDS):
         noise = estimate_noise(problem, values, training_rows, ratio)
         estimate = fit_parameters(problem, noise, free, values)
         values = estimate.values
@@ -173,8 +175,8 @@ def switch_off_candidate(problem: LibraryProblem, values: np.ndarray, candidate:
     return out
 
 
-def compute_effect(problem: LibraryProblem, fit: CandidateFit, candidate: Candidate) -> np.ndarray:
-    """Return the effect of one candidate that a refit of the baseline does not absorb, SI, (2, n)."""
+def compute_unabsorbed_effect(problem: LibraryProblem, fit: CandidateFit, candidate: Candidate) -> np.ndarray:
+    """Return the part of a candidate's effect that a refit of the baseline does not absorb, SI, (2, n)."""
     values = fit.estimate.values
     for other in fit.mechanisms:
         values = values if other is candidate else switch_off_candidate(problem, values, other)

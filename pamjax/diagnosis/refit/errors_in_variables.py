@@ -84,7 +84,7 @@ def estimate_input_noise_bias(
         return np.zeros(len(free))
     gradient = -estimate.jacobian.T @ estimate.residual
     for perturbed_problem in perturbed_problems:
-        prediction, model_jacobian = perturbed_problem.jacobian(estimate.values, free)
+        prediction, model_jacobian = perturbed_problem.predict_with_jacobian(estimate.values, free)
         jacobian = np.nan_to_num(noise.whiten(model_jacobian)) * estimate.scale[:, None]
         gradient += (
             jacobian @ np.nan_to_num(noise.whiten(problem.measured - prediction)) / len(perturbed_problems)

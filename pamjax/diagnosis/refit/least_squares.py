@@ -46,7 +46,7 @@ class MapEstimate:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance of the free parameters, SI, (k, k)."""
+        """Return the covariance of the free parameters, SI, (k, k)."""
         return self.compute_covariance()
 
     def compute_covariance(self, variance_inflation: float = 1.0) -> np.ndarray:
@@ -90,7 +90,8 @@ def compute_priors(problem: LibraryProblem, indices: Sequence[int]) -> tuple[np.
     """Return mean and standard deviation of the priors in coordinates; infinite without a prior.
 
     A stated parameter has its stated value and sd. Other shape parameters and logarithmic parameters have
-    their default value as mean and, as sd, the rms distance of that value to all values between their limits.
+    their default value as mean. Their sd is the rms distance of that value to all values between their
+    limits.
     """
     indices = list(indices)
     sd, log = problem.prior_sd[indices], problem.is_logarithmic[indices]
@@ -171,7 +172,7 @@ class _Evaluation:
 
     @cached_property
     def triangle(self) -> np.ndarray:
-        """(k + 1, k + 1) R of the QR decomposition of the Jacobian with the residual as last column.
+        """Return R of the QR decomposition of the Jacobian with the residual as last column, (k + 1, k + 1).
 
         Its columns have the lengths and angles of the originals, which is all that a minimiser uses.
         The minimiser decomposes k + 1 rows instead of thousands.
@@ -195,7 +196,7 @@ class _ResidualEvaluator:
             log = self.problem.is_logarithmic[self.free]
             trial = self.values.copy()
             trial[self.free] = np.where(log, np.exp(np.where(log, x, 0.0)), x)
-            prediction, model_jacobian = self.problem.jacobian(trial, self.free)
+            prediction, model_jacobian = self.problem.predict_with_jacobian(trial, self.free)
             scale = np.where(log, trial[self.free], 1.0)
             # A sample without a solution counts as a large misfit with zero derivative.
             residual = np.nan_to_num(self.noise.whiten(self.problem.measured - prediction), nan=1e3)

@@ -30,7 +30,7 @@ from pamjax.infer.noise.autocorrelation import estimate_autocorrelation_time
 def fit_with_misfit_weight(
     problem: LibraryProblem, training_rows: np.ndarray, mechanisms: Sequence[Candidate], values: np.ndarray
 ) -> CandidateFit:
-    """Refit the baseline with some candidates, weighted by the misfit at the starting values.
+    """Return the baseline refitted with some candidates, weighted by the misfit at the starting values.
 
     A model with systematic misfit that is first fitted without the weight can end in another minimum.
 
@@ -44,7 +44,7 @@ def fit_with_misfit_weight(
     residual = np.nan_to_num(noise.whiten(problem.measured - problem.predict(values)), nan=1e3)
     if _compute_mean_square(residual) < problem.settings.min_misfit_mean_square:
         return fit_candidate(problem, training_rows, mechanisms, values)
-    noise = dataclasses.replace(noise, weight=_compute_weight(residual, noise.starts))
+    noise = dataclasses.replace(noise, weight=_compute_weight(residual, noise.is_run_start))
     free = get_free_indices(problem, mechanisms)
     fit = reweight_by_misfit(
         problem, CandidateFit(tuple(mechanisms), noise, fit_parameters(problem, noise, free, values))
@@ -69,7 +69,7 @@ def reweight_by_misfit(problem: LibraryProblem, fit: CandidateFit) -> CandidateF
         residual = fit.estimate.residual / fit.noise.weight
         if _compute_mean_square(residual) < problem.settings.min_misfit_mean_square:
             return fit
-        noise = dataclasses.replace(fit.noise, weight=_compute_weight(residual, fit.noise.starts))
+        noise = dataclasses.replace(fit.noise, weight=_compute_weight(residual, fit.noise.is_run_start))
         fit = CandidateFit(
             fit.mechanisms, noise, fit_parameters(problem, noise, fit.estimate.free, fit.estimate.values)
         )
@@ -80,7 +80,7 @@ def _compute_mean_square(residual: np.ndarray) -> float:
     return float(np.mean(residual**2)) if residual.size else 1.0
 
 
-def _compute_weight(residual: np.ndarray, starts: np.ndarray) -> float:
+def _compute_weight(residual: np.ndarray, is_run_start: np.ndarray) -> float:
     return float(
-        1 / np.sqrt(_compute_mean_square(residual) * estimate_autocorrelation_time(residual, starts))
+        1 / np.sqrt(_compute_mean_square(residual) * estimate_autocorrelation_time(residual, is_run_start))
     )

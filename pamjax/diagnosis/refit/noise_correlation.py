@@ -28,7 +28,7 @@ from pamjax.diagnosis.refit.least_squares import compute_priors, fit_parameters,
 from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Starting grid of the search for the most likely correlation; the largest allowed one is added.
-TRIAL_CORRELATIONS = (0.0, 0.2, 0.4, 0.6, 0.75, 0.85, 0.92, 0.96)
+_TRIAL_CORRELATIONS = (0.0, 0.2, 0.4, 0.6, 0.75, 0.85, 0.92, 0.96)
 
 
 def fit_noise_correlation(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
@@ -61,7 +61,7 @@ def fit_noise_correlation(problem: LibraryProblem, fit: CandidateFit) -> Candida
 def _build_restricted_deviance(problem: LibraryProblem, fit: CandidateFit) -> Callable[[NoiseModel], float]:
     """Return the function −2 ln L of a noise model, without a constant."""
     estimate, free = fit.estimate, list(fit.estimate.free)
-    prediction, model_jacobian = problem.jacobian(estimate.values, free)
+    prediction, model_jacobian = problem.predict_with_jacobian(estimate.values, free)
     residual, model_jacobian = problem.measured - prediction, model_jacobian * estimate.scale[:, None, None]
     precision = 1 / estimate.prior_sd**2
     prior_gradient = (
@@ -93,7 +93,7 @@ def _fit_channel_correlation(
         channels[c] = replace(channel, correlation=float(rho), rho_from_differences=float(rho))
         return replace(noise, channels=tuple(channels))
 
-    trials = [rho for rho in TRIAL_CORRELATIONS if rho < max_correlation] + [max_correlation]
+    trials = [rho for rho in _TRIAL_CORRELATIONS if rho < max_correlation] + [max_correlation]
     k = int(np.argmin([compute_deviance(set_correlation(rho)) for rho in trials]))
     interval = trials[max(k - 1, 0)], trials[min(k + 1, len(trials) - 1)]
     solution = minimize_scalar(

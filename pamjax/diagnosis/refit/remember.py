@@ -17,8 +17,10 @@ FitFunction = TypeVar("FitFunction", bound=Callable[..., Any])
 def remember(key: Callable[..., Hashable]) -> Callable[[FitFunction], FitFunction]:
     """Return a decorator that keeps the results of a function of a problem and a fit while the fit exists.
 
+    The problem is not part of the key: a fit belongs to the one problem from which it was computed.
+
     Args:
-        key: returns what the result depends on besides the problem and the fit, from the other arguments.
+        key: returns what the result depends on besides the fit, from the arguments after the fit.
     """
 
     def decorate(function: FitFunction) -> FitFunction:

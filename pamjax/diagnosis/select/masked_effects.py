@@ -10,7 +10,7 @@ complete      the residual is then only noise
 
 A wrong mechanism rarely passes. It fits the difference between an effect and its textbook equation only
 roughly, and the form error fits it closely. In a short recording the difference can be as small as the noise.
-Therefore the certainty of such a mechanism is halved (setting `unexplained_certainty_share`).
+Therefore the certainty of such a mechanism is reduced (setting `doubtful_certainty_share`).
 """
 
 from __future__ import annotations

@@ -127,6 +127,8 @@ def fit_replacements(
 ) -> list[CandidateFit]:
     """Return models with an alternative in the place of a candidate, roughly refitted.
 
+    Results are remembered without `candidates`: a fit belongs to one problem, which has one list of them.
+
     Args:
         problem: the recording and the library.
         reduced_fit: the model without the candidate.

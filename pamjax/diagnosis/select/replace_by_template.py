@@ -2,7 +2,7 @@
 
 Several mechanisms together can imitate such an effect. First each mechanism, and all of them, are replaced by
 the best template. If that explains more, mechanisms are removed one by one, as long as the criterion
-−2 ln L + k ln n of `outside/rival_templates.py` decreases: a mechanism that explained a part of the effect is
+−2 ln L + k ln n of `outside/rival_templates.py` decreases. A mechanism that explained a part of the effect is
 often superfluous beside the template.
 """
 
@@ -18,7 +18,7 @@ from pamjax.diagnosis.outside.rival_templates import TemplateFit, find_best_temp
 from pamjax.diagnosis.outside.templates import Template
 from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism, refit_baseline
 from pamjax.diagnosis.select.selection import Selection, restrict_selection
-from pamjax.infer.fitting.identifiability import format_list
+from pamjax.text import join_words
 
 
 def replace_by_template(
@@ -49,7 +49,7 @@ def replace_by_template(
     better = _remove_mechanisms(problem, templates, better)
     kept = [name for name in selection.named_mechanisms if name.id in better.fit.ids]
     ids = [f"`{name.id}`" for name in selection.named_mechanisms if name not in kept]
-    note = f"{better.template.description} explains the misfit better than {format_list(ids)}"
+    note = f"{better.template.description} explains the misfit better than {join_words(ids)}"
     return restrict_selection(problem, training_rows, selection, kept), [f"{note[0].upper()}{note[1:]}."]
 
 

@@ -65,7 +65,7 @@ class MechanismSearch:
 
     @property
     def settings(self) -> DiagnosisSettings:
-        """Thresholds of the diagnosis."""
+        """Return the thresholds of the diagnosis."""
         return self.problem.settings
 
     def score_candidates(self, fit: CandidateFit) -> list[ScoreDirection]:
@@ -237,7 +237,7 @@ def _list_promising(
 
 
 def _swap_mechanisms(search: MechanismSearch, fit: CandidateFit) -> CandidateFit:
-    """Replace earlier mechanisms by alternatives that now fit better."""
+    """Return the fit with alternatives in place of earlier mechanisms, where they now fit better."""
     for k in range(len(fit.mechanisms) - 1):
         reduced_fit = fit_without_mechanism(search.problem, fit, k)
         rivals = fit_replacements(search.problem, reduced_fit, fit.mechanisms[k], search.candidates)

@@ -76,7 +76,7 @@ class Selection:
 
     @property
     def start_values(self) -> np.ndarray:
-        """Starting values for a refit of the model, (p,), SI."""
+        """Return the starting values for a refit of the model, (p,), SI."""
         return self.model.estimate.values if self.weighted_values is None else self.weighted_values
 
 
@@ -86,7 +86,7 @@ def select_mechanisms(
     baseline: CandidateFit,
     progress: Progress = ignore_progress,
 ) -> Selection:
-    """Select the mechanisms that the baseline of a recording omits.
+    """Return the mechanisms that the baseline of a recording omits.
 
     Args:
         problem: the recording and the library.
@@ -108,8 +108,8 @@ def select_mechanisms(
         else add_small_effects(problem, fit_before_small_effects, candidates, progress)
     )
     progress("comparing alternatives", 0.75)
-    named_mechanisms = reduce_certainty(
-        assess_mechanisms(problem, fit, candidates), problem.settings, masked_ids
+    named_mechanisms = shrink_to_even_odds(
+        _assess_mechanisms(problem, fit, candidates), problem.settings, masked_ids
     )
     if fit is fit_before_small_effects:
         return Selection(baseline, fit, named_mechanisms, masked_ids=masked_ids)
@@ -129,16 +129,19 @@ def drop_small_effects(problem: LibraryProblem, selection: Selection) -> Selecti
     """Return the selection without small effects."""
     fit = selection.fit_before_small_effects
     assert fit is not None
-    names = reduce_certainty(assess_mechanisms(problem, fit), problem.settings, selection.masked_ids)
+    names = shrink_to_even_odds(_assess_mechanisms(problem, fit), problem.settings, selection.masked_ids)
     return Selection(selection.baseline, fit, names, masked_ids=selection.masked_ids)
 
 
-def reduce_certainty(
+def shrink_to_even_odds(
     named_mechanisms: Sequence[NamedMechanism], settings: DiagnosisSettings, ids: Container[str]
 ) -> tuple[NamedMechanism, ...]:
-    """Return mechanisms; those with some ids have probabilities closer to `established_probability`."""
-    limit, share = settings.established_probability, settings.unexplained_certainty_share
-    return rank_mechanisms(
+    """Return mechanisms; those with some ids have probabilities closer to `established_probability`.
+
+    The setting `doubtful_certainty_share` states how much of the distance remains.
+    """
+    limit, share = settings.established_probability, settings.doubtful_certainty_share
+    return _rank_mechanisms(
         [
             replace(mechanism, probability=limit + share * (mechanism.probability - limit))
             if mechanism.id in ids
@@ -157,7 +160,7 @@ def restrict_selection(
     """Return the selection with some of its mechanisms only, refitted if others are dropped."""
     ids = {name.id for name in named_mechanisms}
     if len(ids) == len(selection.model.mechanisms):
-        return replace(selection, named_mechanisms=rank_mechanisms(named_mechanisms))
+        return replace(selection, named_mechanisms=_rank_mechanisms(named_mechanisms))
     values = selection.start_values
     for candidate in selection.model.mechanisms:
         values = values if candidate.id in ids else switch_off_candidate(problem, values, candidate)
@@ -166,13 +169,13 @@ def restrict_selection(
     return replace(
         selection,
         model=fit,
-        named_mechanisms=rank_mechanisms(named_mechanisms),
+        named_mechanisms=_rank_mechanisms(named_mechanisms),
         weighted_values=None,
         fit_before_small_effects=None,
     )
 
 
-def assess_mechanisms(
+def _assess_mechanisms(
     problem: LibraryProblem, fit: CandidateFit, candidates: Sequence[Candidate] | None = None
 ) -> tuple[NamedMechanism, ...]:
     """Return the mechanisms of a model with their probabilities, most probable first.
@@ -186,10 +189,10 @@ def assess_mechanisms(
     named_mechanisms = parallel_map(
         lambda k: _assess_mechanism(problem, fit, k, candidates), range(len(fit.mechanisms))
     )
-    return rank_mechanisms(named_mechanisms)
+    return _rank_mechanisms(named_mechanisms)
 
 
-def rank_mechanisms(named_mechanisms: Sequence[NamedMechanism]) -> tuple[NamedMechanism, ...]:
+def _rank_mechanisms(named_mechanisms: Sequence[NamedMechanism]) -> tuple[NamedMechanism, ...]:
     """Return mechanisms sorted by probability, then by the increase of χ² without them."""
     return tuple(
         sorted(
@@ -234,11 +237,11 @@ def _assess_mechanism(problem, fit: CandidateFit, k: int, candidates) -> NamedMe
     )  # fmt: skip
 
 
-def format_masked_mechanisms(selection: Selection) -> list[str]:
+def format_masked_mechanisms(selection: Selection, settings: DiagnosisSettings) -> list[str]:
     """Return a note on each named mechanism that a form error can explain."""
     return [
         f"A form error of another mechanism can also explain the effect of `{mechanism.id}`:"
-        " its certainty is halved."
+        f" its certainty is multiplied by {settings.doubtful_certainty_share:.2g}."
         for mechanism in selection.named_mechanisms
         if mechanism.id in selection.masked_ids
     ]

@@ -57,7 +57,7 @@ def add_small_effects(
     start_fit = reweight_by_misfit(problem, fit)
     if not fit.mechanisms or start_fit.noise.weight == 1:
         return fit
-    search = _SmallEffectSearch(problem, candidates, compute_excess_mean_square(start_fit))
+    search = _SmallEffectSearch(problem, candidates, _compute_excess_mean_square(start_fit))
     extended_fit = start_fit
     while len(extended_fit.mechanisms) < problem.settings.max_mechanisms:
         progress("searching small effects", 0.7)
@@ -68,19 +68,19 @@ def add_small_effects(
     extended_fit = search.prune(extended_fit, len(fit.mechanisms))
     added_candidates = extended_fit.mechanisms[len(fit.mechanisms) :]
     explains_enough = (
-        compute_excess_mean_square(extended_fit)
+        _compute_excess_mean_square(extended_fit)
         < (1 - problem.settings.min_joint_excess_share) * search.initial_excess
     )
     return (
         extended_fit
         if explains_enough
         and is_prior_consistent(problem, extended_fit)
-        and not has_extreme_amplitude(problem, extended_fit, added_candidates)
+        and not _has_extreme_amplitude(problem, extended_fit, added_candidates)
         else fit
     )
 
 
-def compute_excess_mean_square(fit: CandidateFit) -> float:
+def _compute_excess_mean_square(fit: CandidateFit) -> float:
     """Return the mean squared residual above the noise, in noise variances, without misfit weights."""
     residual = fit.estimate.residual / fit.noise.weight
     return max(float(np.mean(residual**2)) - 1, 0.0)
@@ -95,7 +95,7 @@ def is_prior_consistent(problem: LibraryProblem, fit: CandidateFit) -> bool:
     return bool(chi2.sf(off @ off, max(baseline_indices.size, 1)) > problem.settings.min_prior_p_value)
 
 
-def has_extreme_amplitude(
+def _has_extreme_amplitude(
     problem: LibraryProblem, fit: CandidateFit, added_candidates: Sequence[Candidate]
 ) -> bool:
     """Return whether an amplitude of the added candidates is at an extreme limit."""
@@ -162,9 +162,11 @@ class _SmallEffectSearch:
     def _is_worthwhile(
         self, reduced_fit: CandidateFit, extended_fit: CandidateFit, candidate: Candidate
     ) -> bool:
-        explained_excess = compute_excess_mean_square(reduced_fit) - compute_excess_mean_square(extended_fit)
+        explained_excess = _compute_excess_mean_square(reduced_fit) - _compute_excess_mean_square(
+            extended_fit
+        )
         is_substantial = explained_excess > max(
-            self.problem.settings.min_excess_share * compute_excess_mean_square(reduced_fit),
+            self.problem.settings.min_excess_share * _compute_excess_mean_square(reduced_fit),
             self.problem.settings.min_single_excess_share * self.initial_excess,
         )
         return is_substantial and self._is_significant(

@@ -41,8 +41,8 @@ def cross_validate(
         progress: called with the fraction done.
 
     Returns:
-        for each case the folds, as (n,) masks of held-out rows, and the predictions of those rows
-        by channel, SI, NaN where no block was held out.
+        for each case the folds, as (n,) masks of held-out rows, and the predictions of those rows. These are
+        by channel, SI, and NaN where no block was held out.
     """
     folds_of_cases = [split_folds(b, fold_count, seed) if len(b.names) > 1 else [] for b in blocks_of_cases]
     predictions = [

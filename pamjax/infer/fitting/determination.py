@@ -3,7 +3,7 @@
 | case                       | sd over prior sd                                          |
 |----------------------------|-----------------------------------------------------------|
 | determined by the data     | at most `MAX_SD_RATIO_DETERMINED`                         |
-| mostly from the prior      | up to `MAX_SD_RATIO_INFORMED`                             |
+| mostly from the prior      | up to `_MAX_SD_RATIO_INFORMED`                             |
 | not determined by the data | larger: the posterior equals the prior; or no sd at all   |
 
 `check`, `fit` and `sample` use these cases and words.
@@ -23,11 +23,11 @@ NOT_DETERMINED = "not determined by the data"
 #: A parameter or combination is determined if the data reduce its sd to this fraction of the prior sd.
 MAX_SD_RATIO_DETERMINED = 0.5
 #: With a larger fraction, the posterior equals the prior.
-MAX_SD_RATIO_INFORMED = 0.95
+_MAX_SD_RATIO_INFORMED = 0.95
 
 
 #: Prior sd of a range without a stated sd, over the range.
-SD_OF_UNIFORM = 1 / math.sqrt(12)
+_SD_OF_UNIFORM = 1 / math.sqrt(12)
 
 
 def compute_prior_scale(prior_sd: float, value: float, meaning: Meaning) -> float:
@@ -41,8 +41,8 @@ def compute_prior_scale(prior_sd: float, value: float, meaning: Meaning) -> floa
     if math.isfinite(prior_sd):
         return prior_sd
     if meaning.scale == "log":
-        return value * math.log(meaning.high / meaning.low) * SD_OF_UNIFORM
-    return (meaning.high - meaning.low) * SD_OF_UNIFORM
+        return value * math.log(meaning.high / meaning.low) * _SD_OF_UNIFORM
+    return (meaning.high - meaning.low) * _SD_OF_UNIFORM
 
 
 def describe_row_shortage(sample_count: int, prior_sds: Iterable[float]) -> str | None:
@@ -69,7 +69,7 @@ def classify_sd_ratio(sd_ratio: float) -> str:
     """
     if sd_ratio <= MAX_SD_RATIO_DETERMINED:
         return DETERMINED
-    return MOSTLY_PRIOR if sd_ratio <= MAX_SD_RATIO_INFORMED else NOT_DETERMINED
+    return MOSTLY_PRIOR if sd_ratio <= _MAX_SD_RATIO_INFORMED else NOT_DETERMINED
 
 
 def describe_sd_ratio(sd_ratio: float) -> str:

@@ -46,14 +46,14 @@ from pamjax.records.case import Case, ensure_case
 from pamjax.records.fixed_length import average_fixed_lengths
 
 #: Two starts agree if their costs differ by less than this; a residual of one standard deviation costs 0.5.
-COST_TOLERANCE = 0.01
+_COST_TOLERANCE = 0.01
 
 #: Maximum number of repeated fits with the noise of the previous residuals. The weights change the fit, and
 #: so the residuals; with a large misfit, the iteration converges slowly.
-MAX_REWEIGHTINGS = 12
+_MAX_REWEIGHTINGS = 12
 
 #: The repeats end when no channel's weight changes by more than this fraction.
-WEIGHT_TOLERANCE = 0.02
+_WEIGHT_TOLERANCE = 0.02
 
 
 def fit(
@@ -116,8 +116,8 @@ def fit(
     )
     progress("fit, step 1 of 4: first fit", 0.0)
     solution = solve_least_squares(datasets, space, jnp.zeros(space.size), loss)
-    for k in range(MAX_REWEIGHTINGS):
-        progress("fit, step 2 of 4: noise", 0.3 + 0.2 * k / MAX_REWEIGHTINGS)
+    for k in range(_MAX_REWEIGHTINGS):
+        progress("fit, step 2 of 4: noise", 0.3 + 0.2 * k / _MAX_REWEIGHTINGS)
         previous = datasets
         datasets, _ = reweight_datasets(cases, datasets, space, solution, loss)
         # With the starting weights, a misfit can drive a parameter to its bound.
@@ -181,7 +181,7 @@ def _have_weights_converged(before: Sequence[Dataset], after: Sequence[Dataset])
         float(np.abs(_summarise_weights(b) - _summarise_weights(a)).max())
         for a, b in zip(before, after, strict=True)
     ]
-    return max(changes) < WEIGHT_TOLERANCE
+    return max(changes) < _WEIGHT_TOLERANCE
 
 
 def _summarise_weights(dataset: Dataset) -> np.ndarray:
@@ -239,7 +239,7 @@ def _inflate_variances(
 
 
 def _check_counts(starts: int, fold_count: int, seed: int) -> None:
-    for name, value, minimum in (("starts", starts, 1), ("folds", fold_count, 2), ("seed", seed, 0)):
+    for name, value, minimum in (("starts", starts, 1), ("fold_count", fold_count, 2), ("seed", seed, 0)):
         check_minimum(name, value, minimum)
 
 
@@ -263,9 +263,9 @@ def _run_other_starts(
     costs = np.where(np.isfinite(costs), costs, np.inf)
     best = int(np.argmin(costs))
     # The first solution is kept unless another is better by more than rounding.
-    if costs[0] <= costs[best] + COST_TOLERANCE:
+    if costs[0] <= costs[best] + _COST_TOLERANCE:
         best = 0
-    return int(np.sum(costs <= costs[best] + COST_TOLERANCE)), solutions[best]
+    return int(np.sum(costs <= costs[best] + _COST_TOLERANCE)), solutions[best]
 
 
 def compute_sd_and_correlation(solution: Solution) -> tuple[np.ndarray, np.ndarray]:

@@ -22,7 +22,7 @@ from pamjax.errors import refuse
 from pamjax.infer.fitting.least_squares import Solution, solve_least_squares
 from pamjax.infer.form_errors.dataset_form import (
     build_form_columns,
-    compute_effect,
+    compute_raw_effect,
     compute_white_misfit,
     has_form_error,
     set_form_columns,
@@ -36,7 +36,7 @@ from pamjax.jit import compile_on_call
 from pamjax.records.case import Case
 
 #: Refits; the form errors are computed again before each, because they change with effects and noise.
-FORM_ERROR_ROUNDS = 3
+_FORM_ERROR_ROUNDS = 3
 
 #: Function that estimates the noise of all datasets from the residuals of a solution.
 Reweight = Callable[[tuple[Dataset, ...], Solution], tuple[Dataset, ...]]
@@ -47,9 +47,9 @@ def check_form_errors(mechanisms: Sequence[str], loss: str) -> None:
     if not any(map(has_form_error, mechanisms)):
         got = ", ".join(mechanisms) or "no mechanism"
         rule = "a form error needs a mechanism whose equation may be inexact"
-        raise refuse(rule, got, "", "Include one, for example `--with braid_friction`.")
+        raise refuse(rule, got, "", 'Include one, for example `mechanisms=["braid_friction"]`.')
     if loss != "square":
-        rule, remedy = "a form error needs a likelihood", "Use `--loss square`, or remove the outliers."
+        rule, remedy = "a form error needs a likelihood", 'Use `loss="square"`, or remove the outliers.'
         raise refuse(rule, f"a {loss} loss", "", remedy)
 
 
@@ -72,7 +72,7 @@ def fit_form_errors(
     # Noise that was estimated from the residual may contain the form errors.
     datasets = tuple(map(_trust_stated_noise, cases, datasets))
     shares: list[dict[str, float]] = [{} for _ in datasets]
-    for _ in range(FORM_ERROR_ROUNDS):
+    for _ in range(_FORM_ERROR_ROUNDS):
         values = space.to_values(solution.u)
         columns = [_build_columns(*pair, values) for pair in zip(cases, datasets, strict=True)]
         shares = _estimate_shares(datasets, space, solution, columns)
@@ -169,7 +169,7 @@ def describe_form_errors(
     misfit, parts = compute_white_misfit(dataset, values), {}
     for id, share in shares.items():
         form = dataset.form_filter.estimate_form(misfit, id)
-        effect = compute_effect(dataset, values, id)
+        effect = compute_raw_effect(dataset, values, id)
         form_white, effect_white = np.asarray(whiten_columns(dataset, jnp.asarray(np.stack([form, effect]))))
         parts[id] = build_form_part(
             share, form[:, :n], effect[:, :n], form_white, effect_white, dataset.rows.weights[:, :n] > 0

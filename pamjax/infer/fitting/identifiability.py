@@ -34,10 +34,11 @@ from pamjax.model.parameters import find_meaning
 from pamjax.model.registry import check_exclusive_pairs
 from pamjax.parameter import Meaning
 from pamjax.records.case import Case, ensure_case
+from pamjax.text import join_words
 from pamjax.units import format_quantity
 
 #: Parameters with a smaller component in a combination are not named.
-MIN_NAMED_COMPONENT = 0.3
+_MIN_NAMED_COMPONENT = 0.3
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,7 @@ def find_undetermined_combinations(
         {
             name: component * size
             for name, component, size in zip(names, direction, scale[is_own], strict=True)
-            if abs(component) > MIN_NAMED_COMPONENT
+            if abs(component) > _MIN_NAMED_COMPONENT
         }
         for direction in directions.T[weak]
     ]
@@ -161,7 +162,7 @@ def _format_sentences(
     sentences = []
     names = [f"`{d.name}`" for d in results if d.is_determined]
     if names:
-        sentences.append(f"This recording can determine {format_list(names)}, if the model is right.")
+        sentences.append(f"This recording can determine {join_words(names)}, if the model is right.")
     sentences += [format_combination(changes, kinds) for changes in combinations]
     shortage = describe_row_shortage(count_informative_samples(case), [d.prior_sd for d in results])
     return [*sentences, shortage] if shortage else sentences
@@ -182,7 +183,7 @@ def format_combination(changes: dict[str, float], kinds: Mapping[str, str] | Non
             f"This recording reduces the sd of `{name}` by less than half:"
             " its estimate comes mostly from the prior."
         )
-    joint_change = format_list([_format_change(*change) for change in changes.items()])
+    joint_change = join_words([_format_change(*change) for change in changes.items()])
     return (
         "This recording determines some parameters only in combination:"
         f" the joint change {joint_change} is not detectable."
@@ -191,8 +192,3 @@ def format_combination(changes: dict[str, float], kinds: Mapping[str, str] | Non
 
 def _format_change(name: str, change: float) -> str:
     return f"`{name}` {'+' if change > 0 else ''}{format_quantity(change, find_meaning(name).show, 2)}"
-
-
-def format_list(words: Sequence[str]) -> str:
-    """Return words as "a, b and c"."""
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]

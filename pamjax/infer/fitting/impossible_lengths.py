@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from pamjax.infer.fitting.result import CaseFit
 
 #: Stretch of a thread up to which a predicted length counts as possible.
-MAX_STRETCH = 0.02
+_MAX_STRETCH = 0.02
 
 
-def find_impossible_lengths(length: np.ndarray, thread_length: float) -> np.ndarray:
+def _find_impossible_lengths(length: np.ndarray, thread_length: float) -> np.ndarray:
     """Return which predicted lengths no braid can have, (n,); False for blanks.
 
     Args:
@@ -29,7 +29,7 @@ def find_impossible_lengths(length: np.ndarray, thread_length: float) -> np.ndar
         thread_length: length of one thread, m.
     """
     with np.errstate(invalid="ignore"):
-        return (length <= 0) | (length > (1 + MAX_STRETCH) * thread_length)
+        return (length <= 0) | (length > (1 + _MAX_STRETCH) * thread_length)
 
 
 def describe_impossible_lengths(case_fit: CaseFit) -> str | None:
@@ -42,7 +42,7 @@ def describe_impossible_lengths(case_fit: CaseFit) -> str | None:
     for kind, prediction in kinds.items():
         if "length" not in prediction:
             continue
-        is_impossible = informative & find_impossible_lengths(prediction["length"], thread_length)
+        is_impossible = informative & _find_impossible_lengths(prediction["length"], thread_length)
         if is_impossible.any():
             limit = format_quantity(thread_length, DISPLAY_UNIT["length"], 4)
             count = f"{int(is_impossible.sum())} of {int(informative.sum())}"

@@ -63,7 +63,7 @@ def _build_case_entry(case_fit: CaseFit, law: str, mechanisms: tuple[str, ...]) 
             c: _build_quantity_entry(c, n.sd, "sd")
             | {
                 "given": n.stated,
-                "excess": n.excess,
+                "excess": n.rms_over_noise,
                 "inflation": n.autocorrelation_time,
                 "correlation_time_s": n.correlation_time,
             }

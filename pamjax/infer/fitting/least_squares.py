@@ -1,7 +1,7 @@
 """Nonlinear least squares over named parameters, with the information of the data and of the priors.
 
 The residuals are (measured − model) / sd of every sample, and (value − prior mean) / prior sd of every
-parameter. optimistix minimises half their sum of squares by the Levenberg-Marquardt method.
+parameter. The library optimistix minimises half their sum of squares by the Levenberg-Marquardt method.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pamjax.jit import compile_on_call
 Loss = Literal["square", "soft"]
 
 #: Maximum number of Levenberg-Marquardt steps; a fit usually needs about ten.
-MAX_LM_STEPS = 200
+_MAX_LM_STEPS = 200
 
 
 class Solution(eqx.Module):
@@ -89,7 +89,7 @@ def solve_least_squares(
     solver = optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9, linear_solver=lx.Normal(lx.Cholesky()))
     compute_residuals = _linearise_to_matrix(lambda u: _stack_all_residuals(datasets, space, u, loss))
     result = optx.least_squares(
-        lambda u, _: compute_residuals(u), solver, start, max_steps=MAX_LM_STEPS, throw=False
+        lambda u, _: compute_residuals(u), solver, start, max_steps=_MAX_LM_STEPS, throw=False
     )
     # The minimiser keeps residual and Jacobian of the point that it returns.
     last = result.state.f_info

@@ -88,11 +88,11 @@ def load_muscle(
     source = Path(source)
     if source.suffix == ".json":
         if law is not None:
-            remedy = "Omit `--law`, or use the case folder."
+            remedy = "Omit `law`, or use the case folder."
             raise refuse("the thread law of a calibrated muscle cannot be changed", law, source.name, remedy)
         return _load_calibrated(source, case, settings or {})
     if case is not None:
-        raise refuse("`--case` needs a fit.json", str(source), remedy="Omit `--case`.")
+        raise refuse("`case` needs a fit.json", str(source), remedy="Omit `case`.")
     file = source / MUSCLE_FILE if source.is_dir() else source
     raw = read_bytes(file)
     entry = read_muscle_toml(raw, file.name)
@@ -176,7 +176,7 @@ def _load_case_entry(
     if not cases:
         raise KeyError("case")
     if case is None and len(cases) > 1:
-        raise refuse("a fit of several cases needs `--case`", ", ".join(cases), file.name, "Choose one case.")
+        raise refuse("a fit of several cases needs `case`", ", ".join(cases), file.name, "Choose one case.")
     name = case or next(iter(cases))
     if name not in cases:
         raise refuse(f"unknown case {name!r} in {file.name}", remedy=suggest_word(name, cases))

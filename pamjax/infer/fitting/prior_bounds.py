@@ -19,9 +19,9 @@ from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.infer.problem.prior_limits import compute_prior_limits
 
 #: Width of the prior that fixes a value at its limit, relative to the width of its range.
-FIXED_WIDTH_SHARE = 1e-6
+_FIXED_WIDTH_SHARE = 1e-6
 #: Maximum number of fits with another set of fixed values.
-MAX_LIMIT_ROUNDS = 10
+_MAX_LIMIT_ROUNDS = 10
 
 
 def find_limits(space: ParameterSpace, names: Collection[str]) -> tuple[np.ndarray, np.ndarray]:
@@ -50,7 +50,7 @@ def solve_within_limits(
     """
     low, high = limits
     side, solution, fixed_space = np.zeros(space.size), start, space
-    for _ in range(MAX_LIMIT_ROUNDS):
+    for _ in range(_MAX_LIMIT_ROUNDS):
         values = np.asarray(fixed_space.to_values(solution.u))
         is_inside = side * _compute_pull(space, fixed_space, values) < 0
         beyond = np.where(values < low, -1.0, 0.0) + np.where(values > high, 1.0, 0.0)
@@ -68,7 +68,7 @@ def solve_within_limits(
 def _fix_values(space: ParameterSpace, side: np.ndarray, low, high) -> ParameterSpace:
     """Return the space with a narrow prior at the lower (−1) or upper (1) limit of some values."""
     mean = np.where(side < 0, low, np.where(side > 0, high, np.asarray(space.mean)))
-    sd = np.where(side != 0, FIXED_WIDTH_SHARE * (high - low), np.asarray(space.sd))
+    sd = np.where(side != 0, _FIXED_WIDTH_SHARE * (high - low), np.asarray(space.sd))
     return eqx.tree_at(lambda s: (s.mean, s.sd), space, (jnp.asarray(mean), jnp.asarray(sd)))
 
 

@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 MIN_REPORTED_CORRELATION = 0.8
 
 #: Ratio of misfit to noise above which a misfit is reported.
-MIN_EXCESS = 1.5
+_MIN_EXCESS = 1.5
 
 #: With larger differences of neighbouring samples, relative to the misfit, noise explains most of the misfit.
-MAX_NEIGHBOUR_SHARE = 0.7
+_MAX_NEIGHBOUR_SHARE = 0.7
 
 #: A parameter that shifts by more prior standard deviations contradicts its stated value.
-MAX_PRIOR_SHIFT_SD = 3.0
+_MAX_PRIOR_SHIFT_SD = 3.0
 
 
 def format_fit_note(fit: Fit) -> str:
@@ -104,7 +104,7 @@ def describe_origin(e: Estimate) -> str:
         return f"{kind}; uniform prior"
     prior = format_estimate(e.prior, e.prior_sd, e.meaning.show)
     shift = (e.value - e.prior) / e.prior_sd
-    warning = ", CONTRADICTS ITS PRIOR" if abs(shift) > MAX_PRIOR_SHIFT_SD else ""
+    warning = ", CONTRADICTS ITS PRIOR" if abs(shift) > _MAX_PRIOR_SHIFT_SD else ""
     shift_text = f"shift {shift:+.1f} sd" if abs(shift) >= 0.05 else "no shift"
     return f"{kind}; prior {prior}, {shift_text}{warning}"
 
@@ -143,7 +143,7 @@ def _format_case(case_fit: CaseFit, several: bool) -> Iterator[str]:
             )
         yield line
         if channel == "length":
-            yield f"    {format_contraction_error(case_fit, value)}"
+            yield f"    {_format_contraction_error(case_fit, value)}"
         if noise.autocorrelation_time > 1.5:
             duration = f" over {_format_seconds(noise.correlation_time)}" if noise.correlation_time else ""
             yield (
@@ -175,7 +175,7 @@ def format_form_errors(case_fit: CaseFit) -> Iterator[str]:
         yield f"form error of {id}: {part.ratio:.0%} (rms {forms}), textbook part {effects}"
 
 
-def format_contraction_error(case_fit: CaseFit, rmse: float) -> str:
+def _format_contraction_error(case_fit: CaseFit, rmse: float) -> str:
     """Return the error of a measured length, m, as a share of the rest length.
 
     Args:
@@ -195,7 +195,7 @@ def _describe_noise_source(noise: ChannelNoise) -> str:
 
 def exceeds_noise(noise: ChannelNoise) -> bool:
     """Return whether the misfit of a channel exceeds its noise."""
-    return noise.is_known and noise.excess > MIN_EXCESS
+    return noise.is_known and noise.rms_over_noise > _MIN_EXCESS
 
 
 def format_misfit(channel: str, rmse: float, noise: ChannelNoise) -> str:
@@ -207,7 +207,7 @@ def format_misfit(channel: str, rmse: float, noise: ChannelNoise) -> str:
         noise: the noise of the channel.
     """
     if noise.neighbour_sd is None:
-        return f"misfit is {noise.excess:.1f} times the noise: the model lacks a mechanism"
+        return f"misfit is {noise.rms_over_noise:.1f} times the noise: the model lacks a mechanism"
     if not noise.stated:
         # The line above has the only estimate of the noise; a second one would contradict it.
         return (
@@ -217,7 +217,7 @@ def format_misfit(channel: str, rmse: float, noise: ChannelNoise) -> str:
     rmse_text, difference_text = (
         format_channel_value(value, channel) for value in (rmse, noise.neighbour_sd)
     )
-    if noise.neighbour_sd > MAX_NEIGHBOUR_SHARE * rmse:
+    if noise.neighbour_sd > _MAX_NEIGHBOUR_SHARE * rmse:
         return (
             f"{channel} is missed by {rmse_text}, and neighbouring samples differ by {difference_text}:"
             " check the noise in [sensors]"

@@ -58,11 +58,6 @@ class Estimate:
     at_limit: bool
 
     @property
-    def shrinkage(self) -> float:
-        """Return the relative reduction of the prior sd by the recording, 0 to 1."""
-        return 1 - self.sd_ratio
-
-    @property
     def sd_ratio(self) -> float:
         """Return the sd over the sd of the prior, 0 to 1; 1 if the fit has no sd."""
         scale = compute_prior_scale(self.prior_sd, self.value, self.meaning)

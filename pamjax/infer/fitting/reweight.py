@@ -34,7 +34,7 @@ from pamjax.jit import compile_on_call
 from pamjax.records.case import Case
 
 #: Residuals are clipped here for a soft loss, robust standard deviations; 1 of 400 normal samples is beyond.
-SOFT_LOSS_CLIP_SD = 3.0
+_SOFT_LOSS_CLIP_SD = 3.0
 
 
 def reweight_dataset(
@@ -48,7 +48,7 @@ def reweight_dataset(
     """Return the dataset with weights from its noise, and the noise by channel.
 
     The weight of a dataset with a whitening filter is 1 / sd, with the noise of neighbouring samples.
-    Otherwise, it is 1 / (sd √(autocorrelation time) max(excess, 1)), where excess = residual rms / noise sd.
+    Otherwise, it is 1 / (sd √(autocorrelation time) max(r, 1)), where r is the residual rms over the noise.
     So a misfit counts as noise, and widens the standard deviations of the parameters. With a soft loss, the
     residuals are clipped.
 
@@ -78,21 +78,21 @@ def reweight_dataset(
         standard = standard if loss == "square" else _clip_outliers(standard)
         effective_parameters = fitted_parameters * measured.sum() / np.isfinite(misfit).sum()
         autocorrelation_time = estimate_autocorrelation_time(
-            standard, case.recording.starts, effective_parameters
+            standard, case.recording.is_run_start, effective_parameters
         )
-        excess = math.sqrt(
+        rms_over_noise = math.sqrt(
             np.nansum(standard**2)
             / _compute_degrees_of_freedom(measured.sum(), effective_parameters, autocorrelation_time)
         )
         channel_weights[k] = (
             1.0
             if trust_sensors
-            else 1 / (math.sqrt(autocorrelation_time) * max(excess, 1.0 if stated_sd else 1e-12))
+            else 1 / (math.sqrt(autocorrelation_time) * max(rms_over_noise, 1.0 if stated_sd else 1e-12))
         )
         noise[channel] = ChannelNoise(
-            sd=float(np.sqrt(np.mean(sd[k, measured] ** 2))) * (1.0 if stated_sd else excess),
+            sd=float(np.sqrt(np.mean(sd[k, measured] ** 2))) * (1.0 if stated_sd else rms_over_noise),
             stated=stated_sd is not None,
-            excess=excess if stated_sd else 1.0,
+            rms_over_noise=rms_over_noise if stated_sd else 1.0,
             autocorrelation_time=autocorrelation_time,
             correlation_time=compute_correlation_time(autocorrelation_time, case.recording, measured[:n]),
             samples=int(measured.sum()),
@@ -105,9 +105,9 @@ def has_neighbours(case: Case) -> bool:
     recording = case.recording
     if not recording.has_time:
         return False
-    run = np.cumsum(recording.starts)
+    run_number = np.cumsum(recording.is_run_start)
     rows_of_channels = [np.flatnonzero(find_informative_samples(case, c)) for c in recording.channels]
-    pairs = [int(np.sum(np.diff(run[rows]) == 0)) for rows in rows_of_channels if rows.size]
+    pairs = [int(np.sum(np.diff(run_number[rows]) == 0)) for rows in rows_of_channels if rows.size]
     return bool(pairs) and min(pairs) >= NOISE_SETTINGS.min_samples_for_correlation
 
 
@@ -143,7 +143,7 @@ def _whiten_dataset(
         standard = np.full(n, np.nan)
         standard[rows] = residual[k, rows] / channel.sd[rows]
         standard = standard if loss == "square" else _clip_outliers(standard)
-        neighbour_sd = estimate_neighbour_sd(residual[k], rows, case.recording.starts)
+        neighbour_sd = estimate_neighbour_sd(residual[k], rows, case.recording.is_run_start)
         noise[name] = _describe_noise(
             case, channel, rows, standard, neighbour_sd, fitted_parameters * rows.size / model.size
         )
@@ -176,9 +176,9 @@ def _describe_noise(
     neighbour_sd: float,
     effective_parameters: float,
 ) -> ChannelNoise:
-    """Return the noise of a channel, with the excess and the autocorrelation of its standardised residual."""
+    """Return the noise of a channel, with the rms and the autocorrelation of its standardised residual."""
     autocorrelation_time = estimate_autocorrelation_time(
-        standard, case.recording.starts, effective_parameters
+        standard, case.recording.is_run_start, effective_parameters
     )
     mean_square = np.nansum(standard**2) / _compute_degrees_of_freedom(
         rows.size, effective_parameters, autocorrelation_time
@@ -186,7 +186,7 @@ def _describe_noise(
     return ChannelNoise(
         sd=float(np.sqrt(np.mean(channel.sd[rows] ** 2))),
         stated=channel.stated,
-        excess=math.sqrt(mean_square),
+        rms_over_noise=math.sqrt(mean_square),
         autocorrelation_time=autocorrelation_time,
         correlation_time=compute_correlation_time(
             autocorrelation_time, case.recording, np.isfinite(standard)
@@ -243,9 +243,9 @@ def _compute_noise_residuals(dataset: Dataset, values: jnp.ndarray) -> np.ndarra
 
 
 def _clip_outliers(standard: np.ndarray) -> np.ndarray:
-    """Return residuals, clipped at `SOFT_LOSS_CLIP_SD` robust standard deviations."""
+    """Return residuals, clipped at `_SOFT_LOSS_CLIP_SD` robust standard deviations."""
     # For a normal distribution, the median absolute deviation is 0.6745 standard deviations.
-    clip_level = SOFT_LOSS_CLIP_SD * float(np.nanmedian(np.abs(standard))) / 0.6745
+    clip_level = _SOFT_LOSS_CLIP_SD * float(np.nanmedian(np.abs(standard))) / 0.6745
     return np.clip(standard, -clip_level, clip_level)
 
 

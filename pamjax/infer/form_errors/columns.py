@@ -10,9 +10,9 @@ from pamjax.infer.form_errors.coordinates import Coordinates
 from pamjax.model.form_error import FormError
 
 #: Largest factor on a column: a Legendre polynomial of degree four has a third of the rms of its limits.
-MAX_GROWTH = 3.0
+_MAX_GROWTH = 3.0
 #: Share of the rms of the effect below which a column counts as zero.
-MIN_COLUMN_RMS = 1e-9
+_MIN_COLUMN_RMS = 1e-9
 
 
 def build_columns_of_effect(
@@ -66,9 +66,9 @@ def _remove_parallel(column: np.ndarray, effect: np.ndarray) -> np.ndarray:
 
 
 def _equalise(columns: np.ndarray, effect: np.ndarray) -> np.ndarray:
-    """Return columns that together have the rms of the effect; a small column grows by `MAX_GROWTH`."""
+    """Return columns that together have the rms of the effect; a small column grows by `_MAX_GROWTH`."""
     scale = np.where(np.mean(effect**2, axis=1) > 0, np.mean(effect**2, axis=1), np.inf)
     size = np.sqrt(np.mean(columns**2 / scale[:, None], axis=(1, 2)) * 2 / np.isfinite(scale).sum().clip(1))
-    count = max(int(np.count_nonzero(size > MIN_COLUMN_RMS)), 1)
-    growth = np.where(size > MIN_COLUMN_RMS, 1 / np.maximum(size, 1 / MAX_GROWTH), 0.0)
+    count = max(int(np.count_nonzero(size > _MIN_COLUMN_RMS)), 1)
+    growth = np.where(size > _MIN_COLUMN_RMS, 1 / np.maximum(size, 1 / _MAX_GROWTH), 0.0)
     return columns * (growth / np.sqrt(count))[:, None, None]

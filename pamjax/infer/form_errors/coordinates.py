@@ -10,13 +10,13 @@ from scipy.special import eval_legendre
 from pamjax.records.recording import Recording
 
 #: Share of the median speed below which a row counts as a hold rather than as motion.
-HOLD_SPEED_SHARE = 0.5
+_HOLD_SPEED_SHARE = 0.5
 
 #: Smallest speed over the median speed whose logarithm is taken.
-MIN_SPEED_RATIO = 1e-2
+_MIN_SPEED_RATIO = 1e-2
 
 #: Share of the largest effect from which a mechanism acts in a row.
-MIN_ACTING_SHARE = 0.03
+_MIN_ACTING_SHARE = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,13 +42,13 @@ class Coordinates:
         rate = np.where(np.isfinite(rate), rate, 0.0)
         moving = np.abs(rate[rate != 0])
         typical = float(np.median(moving)) if moving.size else 1.0
-        speed = np.log10(np.abs(rate) / typical + MIN_SPEED_RATIO)
+        speed = np.log10(np.abs(rate) / typical + _MIN_SPEED_RATIO)
         time = recording.time
         return cls(
             pressure=_scale(recording.pressure, is_compared),
             length=_scale(recording.length, is_compared),
             force=_scale(np.nan_to_num(recording.force), is_compared),
-            direction=np.tanh(rate / (HOLD_SPEED_SHARE * typical)),
+            direction=np.tanh(rate / (_HOLD_SPEED_SHARE * typical)),
             speed=speed - speed[is_compared].mean(),
             time=None if time is None else (time - time[0]) / max(float(np.ptp(time)), 1e-9),
         )
@@ -56,7 +56,7 @@ class Coordinates:
     def rescale(self, effect: np.ndarray) -> Coordinates:
         """Return the coordinates with pressure and length scaled to the rows in which an effect (n,) acts."""
         size = np.abs(effect)
-        acts = size > MIN_ACTING_SHARE * size.max(initial=0.0)
+        acts = size > _MIN_ACTING_SHARE * size.max(initial=0.0)
         if not acts.any():
             return self
         return replace(self, pressure=_scale(self.pressure, acts), length=_scale(self.length, acts))

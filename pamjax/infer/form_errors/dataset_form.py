@@ -26,7 +26,7 @@ def has_form_error(id: str) -> bool:
     return bool(form_error.terms or form_error.alternatives)
 
 
-def compute_effect(dataset: Dataset, values: Float[Array, " p"], id: str) -> np.ndarray:
+def compute_raw_effect(dataset: Dataset, values: Float[Array, " p"], id: str) -> np.ndarray:
     """Return what a mechanism changes in the prediction, (2, n), SI; zero where a state has no answer."""
     neutral = {
         field: meaning.neutral
@@ -47,9 +47,9 @@ def build_form_columns(case: Case, dataset: Dataset, values: Float[Array, " p"],
         id: the mechanism.
     """
     n, form_error = case.recording.n, find_mechanism(id).form_error
-    effect = compute_effect(dataset, values, id)
+    effect = compute_raw_effect(dataset, values, id)
     alternatives = [
-        compute_effect(*_scale_parameters(dataset, values, id, factors), id)[:, :n]
+        compute_raw_effect(*_scale_parameters(dataset, values, id, factors), id)[:, :n]
         for factors in form_error.alternatives
     ]
     columns = build_columns_of_effect(

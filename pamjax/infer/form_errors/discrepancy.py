@@ -22,10 +22,10 @@ from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.infer.problem.form_filter import estimate_coefficients
 
 #: Prior sd of a free column, in sizes that one sample determines.
-FREE_COLUMN_SD = 10.0
+_FREE_COLUMN_SD = 10.0
 
 #: Singular value below which a column has no effect.
-MIN_SINGULAR_VALUE = 1e-6
+_MIN_SINGULAR_VALUE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +42,10 @@ class DiscrepancyNoise(NoiseModel):
 
     @cached_property
     def _shapes(self) -> tuple[np.ndarray, np.ndarray]:
-        """(size, r) orthonormal shapes, whitened, and (r,) their sizes."""
+        """Return the orthonormal shapes, whitened, (size, r), and their sizes, (r,)."""
         white = np.nan_to_num(NoiseModel.whiten(self, self.columns))
         vectors, sizes, _ = np.linalg.svd(white.T, full_matrices=False)
-        has_effect = sizes > MIN_SINGULAR_VALUE
+        has_effect = sizes > _MIN_SINGULAR_VALUE
         return vectors[:, has_effect], sizes[has_effect]
 
     def whiten(self, values: np.ndarray) -> np.ndarray:
@@ -62,7 +62,7 @@ class DiscrepancyNoise(NoiseModel):
 
     @property
     def log_determinant(self) -> float:
-        """Logarithm of the determinant of the covariance, SI."""
+        """Return the logarithm of the determinant of the covariance, SI."""
         sizes = self._shapes[1] if len(self.columns) else np.zeros(0)
         return super().log_determinant + float(np.sum(np.log1p(sizes**2)))
 
@@ -99,7 +99,7 @@ def build_free_columns(noise: NoiseModel, columns: np.ndarray) -> np.ndarray:
     """Return columns, (r, 2, n), scaled to a prior that leaves their sizes free."""
     white = np.nan_to_num(noise.whiten(columns))
     information = np.maximum(np.einsum("ij,ij->i", white, white), 1e-300)
-    scale = FREE_COLUMN_SD * np.sqrt(white.shape[1] / information)
+    scale = _FREE_COLUMN_SD * np.sqrt(white.shape[1] / information)
     return columns * scale[:, None, None]
 
 
@@ -108,4 +108,4 @@ def compute_free_column_cost(count: int) -> float:
 
     Each costs ln(1 + n sd²): this much more than the ln n of a parameter in the BIC.
     """
-    return 2 * count * math.log(FREE_COLUMN_SD)
+    return 2 * count * math.log(_FREE_COLUMN_SD)

@@ -23,10 +23,10 @@ import numpy as np
 from pamjax.infer.noise.unknown_sensor import UnknownSensorNoise
 
 #: Maximum number of samples before the filter counts as steady, and of lags of the autocovariance.
-MAX_FILTER_SAMPLES = 400
+_MAX_FILTER_SAMPLES = 400
 
 #: A filter is steady if p differs from its steady value by less than this fraction of the initial difference.
-STEADY_STATE_TOLERANCE = 1e-3
+_STEADY_STATE_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -123,8 +123,8 @@ def _build_initial_filter(ar1_fraction: float, rho: float) -> _InitialFilter:
     steady = _solve_steady_filter(ar1_fraction, rho)[1] ** 2 - white_fraction
     rows, sd = [np.ones(1)], [1.0]
     while (
-        abs(p - steady) > STEADY_STATE_TOLERANCE * max(ar1_fraction - steady, 1e-9)
-        and len(sd) < MAX_FILTER_SAMPLES
+        abs(p - steady) > _STEADY_STATE_TOLERANCE * max(ar1_fraction - steady, 1e-9)
+        and len(sd) < _MAX_FILTER_SAMPLES
     ):
         # The innovation is a sum over the samples up to its own.
         gain = rho * white_fraction / (p + white_fraction)
@@ -144,7 +144,7 @@ def compute_correlation_error(ar1_fraction: float, correlation: float, samples: 
 
     The variance of half the mean square of n differences with autocovariances r_k is Σ r_k² / 2n, over all k.
     """
-    covariance = ar1_fraction * correlation ** np.arange(MAX_FILTER_SAMPLES + 2)
+    covariance = ar1_fraction * correlation ** np.arange(_MAX_FILTER_SAMPLES + 2)
     covariance[0] = 1.0
     r = 2 * covariance[:-1] - np.r_[covariance[1], covariance[:-2]] - covariance[1:]
     return math.sqrt((r[0] ** 2 + 2 * float(np.sum(r[1:] ** 2))) / (2 * samples)) / ar1_fraction

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,10 +18,10 @@ from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.noise.noise_settings import NOISE_SETTINGS, NoiseThresholds
 from pamjax.infer.noise.sensor_noise import compute_isotonic_variance, compute_sensitivities
 from pamjax.infer.noise.spectral_lines import remove_spectral_lines
+from pamjax.infer.noise.static_table import TableVariance
 from pamjax.infer.noise.unknown_sensor import (
     DIFFERENCE_LAGS,
     DifferenceStatistics,
-    UnknownSensorNoise,
     compute_second_differences,
     estimate_stated_noise,
     estimate_unknown_noise,
@@ -69,7 +70,7 @@ def estimate_noise_model(
     rows_in_use: np.ndarray,
     variances: tuple[np.ndarray, np.ndarray],
     *,
-    tables: Sequence[tuple[float, float]] = ((math.nan, 0.0),) * len(CHANNELS),
+    tables: Sequence[TableVariance | None] = (None,) * len(CHANNELS),
     input_noise: np.ndarray | None = None,
     settings: NoiseThresholds = NOISE_SETTINGS,
     max_noise_ratio: float = 1.0,
@@ -82,235 +83,252 @@ def estimate_noise_model(
         measured: (2, n) whether a sample is measured.
         rows_in_use: (n,) whether a row is in use.
         variances: of sensor and propagated noise, see `compute_noise_variances`.
-        tables: by channel the variance of a static table and its degrees of freedom, zero for none.
+        tables: by channel the variance of a static table, or None.
         input_noise: (draws, 2, n) change of the model by input noise, if it has memory, SI.
         settings: thresholds.
         max_noise_ratio: largest plausible ratio of true and stated noise of a sensor; 1 if it is exact.
     """
     sensor_variance, input_variance = variances
     # A removed row ends a run: the samples before and after it are not neighbours.
-    starts = np.cumsum(case.recording.starts | np.diff(rows_in_use, prepend=rows_in_use[:1]))
+    run_number = np.cumsum(case.recording.is_run_start | np.diff(rows_in_use, prepend=rows_in_use[:1]))
     sensors = case.entry.sensors
-    input_noise_unknown = sensors.pressure is None or (
+    is_input_noise_unknown = sensors.pressure is None or (
         sensors.length is None and not sensors.length_per_setting and not case.recording.measures_length
     )
     channels, rows, runs = [], [], []
     time = case.recording.time
     for c, stated in enumerate(get_stated_sds(case)):
         channel_rows = np.flatnonzero(measured[c] & rows_in_use)
-        edges = np.flatnonzero(np.diff(starts[channel_rows])) + 1
+        edges = np.flatnonzero(np.diff(run_number[channel_rows])) + 1
         bounds = np.concatenate([[0], edges, [channel_rows.size]]).astype(int)
         rows.append(channel_rows)
         runs.append(
             np.stack([bounds[:-1], bounds[1:]], axis=1) if channel_rows.size else np.zeros((0, 2), int)
         )
+        if not channel_rows.size:
+            channels.append(None)
+            continue
+        samples = _ChannelSamples(
+            residual[c] if time is None else remove_spectral_lines(residual[c], channel_rows, time),
+            channel_rows,
+            run_number,
+            input_variance[c],
+            None if input_noise is None else input_noise[:, c],
+            is_input_noise_unknown,
+        )
         channels.append(
             _build_channel_noise(
-                residual[c] if time is None else remove_spectral_lines(residual[c], channel_rows, time),
-                sensor_variance[c],
-                input_variance[c],
-                channel_rows,
-                starts,
-                stated is not None,
+                samples,
+                None if stated is None else sensor_variance[c],
                 tables[c],
-                None if input_noise is None else input_noise[:, c],
-                input_noise_unknown,
                 settings=settings,
                 max_noise_ratio=max_noise_ratio,
             )
-            if channel_rows.size
-            else None
         )
     return NoiseModel(tuple(channels), tuple(rows), tuple(runs))
 
 
+@dataclass(frozen=True, eq=False)
+class _ChannelSamples:
+    """Residual of one channel with the noise that pressure and length propagate to it.
+
+    Attributes:
+        residual: (n,) measured − model, SI.
+        rows: rows of the samples in use, in order.
+        run_number: (n,) number of the continuous run of each row.
+        input_variance: (n,) variance of the propagated noise, SI squared.
+        input_noise: (draws, n) change of the model by input noise, if it has memory, SI.
+        is_input_noise_unknown: whether the noise of pressure or of length is not stated.
+    """
+
+    residual: np.ndarray
+    rows: np.ndarray
+    run_number: np.ndarray
+    input_variance: np.ndarray
+    input_noise: np.ndarray | None = None
+    is_input_noise_unknown: bool = False
+
+
 def _build_channel_noise(
-    residual,
-    sensor_variance,
-    input_variance,
-    channel_rows,
-    starts,
-    stated: bool,
-    table=(math.nan, 0.0),
-    input_noise=None,
-    input_noise_unknown=False,
+    samples: _ChannelSamples,
+    sensor_variance: np.ndarray | None,
+    table: TableVariance | None = None,
     *,
     settings: NoiseThresholds,
     max_noise_ratio: float = 1.0,
-):
-    variance, degrees_of_freedom = table
-    if not stated and degrees_of_freedom > 0:
-        sd = np.sqrt(np.maximum(variance, input_variance))
-        return Ar1Noise(sd, 1.0, 0.0, stated, degrees_of_freedom)
-    unknown_sensor = (
-        None
-        if stated
-        else _estimate_unknown_sensor(
-            residual, input_variance, input_noise, channel_rows, starts, input_noise_unknown, settings
-        )
-    )
-    if stated and max_noise_ratio > 1:
-        statistics = _collect_difference_statistics(
-            residual, input_variance, input_noise, channel_rows, starts, input_noise_unknown, settings
-        )
-        scaled_noise = (
-            None
-            if statistics is None
-            else _build_scaled_noise(
-                statistics, sensor_variance, input_variance, channel_rows, max_noise_ratio
-            )
-        )
+) -> Ar1Noise:
+    """Return the noise of one channel.
+
+    Args:
+        samples: residual of the channel.
+        sensor_variance: (1,) stated variance of the sensor, SI squared; None if it is not stated.
+        table: variance of a static table, for a sensor without stated noise.
+        settings: thresholds.
+        max_noise_ratio: largest plausible ratio of true and stated noise; 1 if the stated noise is exact.
+    """
+    if sensor_variance is None:
+        if table is not None:
+            return _build_table_noise(samples, table)
+        return _build_unknown_sensor_noise(samples, settings)
+    if max_noise_ratio > 1:
+        scaled_noise = _build_scaled_noise(samples, sensor_variance, max_noise_ratio, settings)
         if scaled_noise is not None:
             return scaled_noise
-    if unknown_sensor:
-        (correlation, sensor_variance), input_variance = (
-            unknown_sensor.correlation_and_variance,
-            input_variance + unknown_sensor.white_variance,
-        )
-    elif not stated:
-        unit_sd = np.ones_like(residual)
-        half_mean_square = _compute_half_mean_square(residual, unit_sd, channel_rows, starts, settings)
+    return _build_stated_noise(samples, sensor_variance, settings)
+
+
+def _build_table_noise(samples: _ChannelSamples, table: TableVariance) -> Ar1Noise:
+    """Return the noise of a sensor without stated noise, from the variance of a static table."""
+    sd = np.sqrt(np.maximum(table.variance, samples.input_variance))
+    return Ar1Noise(sd, 1.0, 0.0, False, table.degrees_of_freedom)
+
+
+def _build_unknown_sensor_noise(samples: _ChannelSamples, settings: NoiseThresholds) -> Ar1Noise:
+    """Return the noise of a sensor without stated noise; it is white if the runs are short."""
+    statistics = _collect_difference_statistics(samples, settings)
+    if statistics is None:
+        unit_sd = np.ones_like(samples.residual)
         sensor_variance = max(
-            half_mean_square
-            - _compute_input_half_mean_square(input_variance, input_noise, unit_sd, channel_rows, starts),
+            _compute_half_mean_square(samples.residual, unit_sd, samples.rows, samples.run_number, settings)
+            - _compute_input_half_mean_square(samples, samples.input_noise, unit_sd),
             1e-18,
         )
-    variance = np.broadcast_to(sensor_variance + input_variance, residual.shape)
-    sd = np.sqrt(variance)
-    sensor_fraction = float(
-        np.mean(np.broadcast_to(sensor_variance, residual.shape)[channel_rows] / variance[channel_rows])
-    )
-    if unknown_sensor:
-        return Ar1Noise(
-            sd,
-            sensor_fraction,
-            correlation,
-            stated,
-            rho_from_differences=correlation,
-            unknown_sensor=unknown_sensor,
-        )
-    if not stated or channel_rows.size < settings.min_samples_for_correlation:
-        return Ar1Noise(sd, sensor_fraction, 0.0, stated)
-    # Half the mean square of neighbours' differences is W + A (1 − ρ), where W is the variance of white noise
-    # and A that of AR(1) noise (`infer/noise/ar1_filter.py`). A model with a lag averages the input noise, so
-    # W is smaller.
-    half_mean_square, input_half_mean_square = (
-        _compute_half_mean_square(residual, sd, channel_rows, starts, settings),
-        _compute_input_half_mean_square(input_variance, input_noise, sd, channel_rows, starts),
-    )
-    if input_half_mean_square > half_mean_square:
-        # The model predicts more input noise than the data show: ignore its memory.
-        input_half_mean_square = _compute_input_half_mean_square(
-            input_variance, None, sd, channel_rows, starts
-        )
-    half_mean_square -= input_half_mean_square
-    rho = 1 - half_mean_square / sensor_fraction
-    is_correlated = rho > settings.min_correlation_se * compute_correlation_error(
-        sensor_fraction, 0.0, channel_rows.size
-    )
+        return Ar1Noise(*_add_input_variance(samples, sensor_variance, samples.input_variance), 0.0, False)
+    unknown_sensor = estimate_unknown_noise(statistics)
+    correlation, sensor_variance = unknown_sensor.correlation_and_variance
+    other_variance = samples.input_variance + unknown_sensor.white_variance
     return Ar1Noise(
-        sd,
-        sensor_fraction,
-        min(rho, settings.max_noise_correlation) if is_correlated else 0.0,
-        stated,
-        rho_from_differences=rho,
+        *_add_input_variance(samples, sensor_variance, other_variance),
+        correlation,
+        False,
+        rho_from_differences=correlation,
+        unknown_sensor=unknown_sensor,
     )
-
-
-def _estimate_unknown_sensor(
-    residual,
-    input_variance,
-    input_noise,
-    channel_rows,
-    starts,
-    input_noise_unknown: bool,
-    settings: NoiseThresholds,
-) -> UnknownSensorNoise | None:
-    """Estimate the noise of a sensor without stated noise; None if runs are too short."""
-    statistics = _collect_difference_statistics(
-        residual, input_variance, input_noise, channel_rows, starts, input_noise_unknown, settings
-    )
-    return None if statistics is None else estimate_unknown_noise(statistics)
 
 
 def _build_scaled_noise(
-    statistics, sensor_variance, input_variance, channel_rows, max_noise_ratio: float
+    samples: _ChannelSamples, sensor_variance: np.ndarray, max_noise_ratio: float, settings: NoiseThresholds
 ) -> Ar1Noise | None:
-    """Return the noise of a sensor whose stated noise may be inexact; None if the ratio is not plausible."""
-    stated_variance = float(np.mean(np.broadcast_to(sensor_variance, input_variance.shape)[channel_rows]))
+    """Return the noise of a sensor whose stated noise may be inexact.
+
+    The result is None if the runs are short or the ratio of true and stated noise is not plausible.
+    """
+    statistics = _collect_difference_statistics(samples, settings)
+    if statistics is None:
+        return None
+    rows, input_variance = samples.rows, samples.input_variance
+    stated_variance = float(np.mean(np.broadcast_to(sensor_variance, input_variance.shape)[rows]))
     noise = estimate_stated_noise(statistics, stated_variance)
     ratios = np.sqrt([noise.variance / stated_variance, noise.input_factor])
     if ratios.max() > max_noise_ratio or ratios[0] < 1 / max_noise_ratio:
         # Misfit that changes from sample to sample, and no sensor noise.
         return None
     variance = noise.variance + noise.input_factor * input_variance
-    sensor_fraction = float(np.mean(noise.variance / variance[channel_rows]))
+    sensor_fraction = float(np.mean(noise.variance / variance[rows]))
     return Ar1Noise(
         np.sqrt(variance), sensor_fraction, noise.correlation, True, rho_from_differences=noise.correlation
     )
 
 
+def _build_stated_noise(
+    samples: _ChannelSamples, sensor_variance: np.ndarray, settings: NoiseThresholds
+) -> Ar1Noise:
+    """Return the noise of a sensor with its stated variance; the samples give its correlation."""
+    sd, sensor_fraction = _add_input_variance(samples, sensor_variance, samples.input_variance)
+    if samples.rows.size < settings.min_samples_for_correlation:
+        return Ar1Noise(sd, sensor_fraction, 0.0, True)
+    # Half the mean square of neighbours' differences is W + A (1 − ρ), where W is the variance of white noise
+    # and A that of AR(1) noise (`infer/noise/ar1_filter.py`). A model with a lag averages the input noise, so
+    # W is smaller.
+    half_mean_square = _compute_half_mean_square(
+        samples.residual, sd, samples.rows, samples.run_number, settings
+    )
+    input_half_mean_square = _compute_input_half_mean_square(samples, samples.input_noise, sd)
+    if input_half_mean_square > half_mean_square:
+        # The model predicts more input noise than the data show: ignore its memory.
+        input_half_mean_square = _compute_input_half_mean_square(samples, None, sd)
+    rho = 1 - (half_mean_square - input_half_mean_square) / sensor_fraction
+    is_correlated = rho > settings.min_correlation_se * compute_correlation_error(
+        sensor_fraction, 0.0, samples.rows.size
+    )
+    return Ar1Noise(
+        sd,
+        sensor_fraction,
+        min(rho, settings.max_noise_correlation) if is_correlated else 0.0,
+        True,
+        rho_from_differences=rho,
+    )
+
+
+def _add_input_variance(
+    samples: _ChannelSamples, sensor_variance: np.ndarray | float, input_variance: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Return the sd of the total noise, (n,) SI, and the mean fraction of the sensor's variance."""
+    shape, rows = samples.residual.shape, samples.rows
+    variance = np.broadcast_to(sensor_variance + input_variance, shape)
+    fraction = np.mean(np.broadcast_to(sensor_variance, shape)[rows] / variance[rows])
+    return np.sqrt(variance), float(fraction)
+
+
 def _collect_difference_statistics(
-    residual,
-    input_variance,
-    input_noise,
-    channel_rows,
-    starts,
-    input_noise_unknown: bool,
-    settings: NoiseThresholds,
+    samples: _ChannelSamples, settings: NoiseThresholds
 ) -> DifferenceStatistics | None:
     """Return mean squares of second differences; None if runs are too short."""
-    differences = [
-        d[np.isfinite(d)] for d in compute_second_differences(residual[channel_rows], starts[channel_rows])
-    ]
+    rows, run_number = samples.rows, samples.run_number[samples.rows]
+    differences = [d[np.isfinite(d)] for d in compute_second_differences(samples.residual[rows], run_number)]
     counts = np.array([d.size for d in differences])
     if counts.min() < settings.min_samples_for_correlation:
         return None
-    if input_noise is None:
-        input_mean_squares = np.full(DIFFERENCE_LAGS.size, 6 * float(np.mean(input_variance[channel_rows])))
+    if samples.input_noise is None:
+        input_mean_squares = np.full(DIFFERENCE_LAGS.size, 6 * float(np.mean(samples.input_variance[rows])))
     else:
-        input_mean_squares = np.array(
-            [
-                np.mean(d**2)
-                for d in compute_second_differences(input_noise[:, channel_rows], starts[channel_rows])
-            ]
-        )
+        input_differences = compute_second_differences(samples.input_noise[:, rows], run_number)
+        input_mean_squares = np.array([np.mean(d**2) for d in input_differences])
     return DifferenceStatistics(
         np.array([_compute_robust_mean_square(d, settings) for d in differences]),
         counts,
         input_mean_squares,
         settings.sensor_variance_sd_share,
-        input_noise_unknown,
+        samples.is_input_noise_unknown,
     )
 
 
-def _compute_input_half_mean_square(input_variance, input_noise, sd, channel_rows, starts) -> float:
+def _compute_input_half_mean_square(
+    samples: _ChannelSamples, input_noise: np.ndarray | None, sd: np.ndarray
+) -> float:
     """Return half the mean square of neighbours' differences due to input noise, over sd²."""
     if input_noise is None:
-        return float(np.mean((input_variance / sd**2)[channel_rows]))
-    step = np.diff((input_noise / sd)[:, channel_rows], axis=1)[:, np.diff(starts[channel_rows]) == 0]
+        return float(np.mean((samples.input_variance / sd**2)[samples.rows]))
+    is_neighbour = np.diff(samples.run_number[samples.rows]) == 0
+    step = np.diff((input_noise / sd)[:, samples.rows], axis=1)[:, is_neighbour]
     return 0.5 * float(np.mean(step**2)) if step.size else 0.0
 
 
-def _compute_half_mean_square(residual, sd, channel_rows, starts, settings: NoiseThresholds) -> float:
+def _compute_half_mean_square(
+    residual: np.ndarray,
+    sd: np.ndarray,
+    rows: np.ndarray,
+    run_number: np.ndarray,
+    settings: NoiseThresholds,
+) -> float:
     """Return half the mean square of neighbours' differences over sd², robust against a few jumps."""
-    standard = residual[channel_rows] / sd[channel_rows]
-    step = np.diff(standard)[np.diff(starts[channel_rows]) == 0]
+    standard = residual[rows] / sd[rows]
+    step = np.diff(standard)[np.diff(run_number[rows]) == 0]
     if step.size < 3:
         return float(np.var(standard)) if standard.size > 1 else 1.0
     return 0.5 * _compute_robust_mean_square(step, settings)
 
 
-def estimate_neighbour_sd(residual: np.ndarray, rows: np.ndarray, starts: np.ndarray) -> float:
+def estimate_neighbour_sd(residual: np.ndarray, rows: np.ndarray, is_run_start: np.ndarray) -> float:
     """Return the sd of independent noise with the observed differences of neighbouring samples, SI.
 
     Args:
         residual: (n,) measured − model, SI.
         rows: rows of the samples, in the order of time.
-        starts: (n,) whether a run begins at this row.
+        is_run_start: (n,) whether a run begins at this row.
     """
-    unit_sd = np.ones_like(residual)
-    return math.sqrt(_compute_half_mean_square(residual, unit_sd, rows, np.cumsum(starts), NOISE_SETTINGS))
+    unit_sd, run_number = np.ones_like(residual), np.cumsum(is_run_start)
+    return math.sqrt(_compute_half_mean_square(residual, unit_sd, rows, run_number, NOISE_SETTINGS))
 
 
 def _compute_robust_mean_square(steps: np.ndarray, settings: NoiseThresholds) -> float:

@@ -31,12 +31,12 @@ class NoiseModel:
 
     @property
     def size(self) -> int:
-        """Number of samples in use."""
+        """Return the number of samples in use."""
         return sum(r.size for r in self.rows)
 
     @property
     def log_determinant(self) -> float:
-        """Logarithm of the determinant of the noise covariance, SI."""
+        """Return the logarithm of the determinant of the noise covariance, SI."""
         out = -2 * self.size * math.log(self.weight)
         for channel, rows, runs in zip(self.channels, self.rows, self.runs, strict=True):
             if channel is not None:
@@ -72,8 +72,8 @@ class NoiseModel:
         return *pack_samples(rows, begins, size), *coefficients
 
     @property
-    def starts(self) -> np.ndarray:
-        """(size,) Whether a whitened sample begins a run."""
+    def is_run_start(self) -> np.ndarray:
+        """Return whether each whitened sample begins a run, (size,)."""
         parts = [np.zeros(rows.size, dtype=bool) for rows in self.rows]
         for part, runs in zip(parts, self.runs, strict=True):
             part[runs[:, 0]] = True

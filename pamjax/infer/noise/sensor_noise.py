@@ -5,7 +5,7 @@ The model propagates the noise of pressure P and length L to force and diameter 
     sd² = sd_channel² + (∂y/∂P sd_P)² + (∂y/∂L sd_L)²
 
 In an isotonic test, y is the length at the set force. The noise of the set force F takes the place of that of
-the length, and the propagated noise is the change of the prediction by one sd of P and of F.
+the length. The propagated noise is the change of the prediction by one sd of P and of F.
 
 Neglects: in an isotonic test, the noise of the measured length that reaches the predicted length through the
 memories. In simulated ramps with friction, the sd of the residual is up to three times that of the sensor in
@@ -37,7 +37,7 @@ class ChannelNoise:
         sd: effective sd of a sample, SI: of its sensor, with the propagated noise of pressure and length.
             Without a stated sensor, from neighbouring samples, or the rms residual.
         stated: whether muscle.toml states the sensor's noise.
-        excess: residual rms / `sd`; above one, the model lacks a mechanism.
+        rms_over_noise: residual rms / `sd`; above one, the model lacks a mechanism.
         autocorrelation_time: integrated autocorrelation time, samples.
         correlation_time: time constant of an exponential autocorrelation with this integrated time, s.
         samples: number of samples.
@@ -46,7 +46,7 @@ class ChannelNoise:
 
     sd: float
     stated: bool
-    excess: float
+    rms_over_noise: float
     autocorrelation_time: float
     correlation_time: float
     samples: int

@@ -3,7 +3,7 @@
 A ripple of the pressure, or mains interference, changes from sample to sample as noise does. In the estimate
 of the noise from neighbouring samples it would count as noise, and hide itself. The spectrum separates them:
 noise is spread over all frequencies. A line is removed if noise has so large an amplitude anywhere with
-a probability below `MAX_PROBABILITY`. For the power P at one of N frequencies, over the mean power around it,
+a probability below `_MAX_PROBABILITY`. For the power P at one of N frequencies, over the mean around it,
 
     p = N exp(−P).
 
@@ -19,13 +19,13 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 #: Probability of noise below which a line is removed, and largest number of lines.
-MAX_PROBABILITY, MAX_LINES = 1e-4, 8
+_MAX_PROBABILITY, _MAX_LINES = 1e-4, 8
 #: Fewest samples, and fewest periods of a line: slower courses are smooth.
-MIN_SAMPLES, MIN_PERIODS = 128, 10
+_MIN_SAMPLES, _MIN_PERIODS = 128, 10
 #: Frequencies that are tried on each side of a line, and their distance in resolutions of the spectrum.
-TRIALS, TRIAL_STEP = 10, 0.1
+_TRIALS, _TRIAL_STEP = 10, 0.1
 #: Number of frequencies on each side whose median power is the noise around a line.
-NEIGHBOURS = 24
+_NEIGHBOURS = 24
 
 
 def remove_spectral_lines(residual: np.ndarray, rows: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -39,9 +39,9 @@ def remove_spectral_lines(residual: np.ndarray, rows: np.ndarray, time: np.ndarr
     values, moments = residual[rows].copy(), time[rows]
     if not np.all(np.isfinite(values)):
         return residual
-    for _ in range(MAX_LINES):
+    for _ in range(_MAX_LINES):
         frequencies, power = compute_relative_power(values, moments)
-        if not power.size or math.log(power.size) - power.max() > math.log(MAX_PROBABILITY):
+        if not power.size or math.log(power.size) - power.max() > math.log(_MAX_PROBABILITY):
             break
         frequency = refine_frequency(values, moments, frequencies[np.argmax(power)])
         values -= _fit_wave(values, moments, frequency)
@@ -53,13 +53,13 @@ def remove_spectral_lines(residual: np.ndarray, rows: np.ndarray, time: np.ndarr
 def compute_relative_power(values: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies, Hz, and at each the power of a signal over the mean power of the noise around it.
 
-    Frequencies of fewer than `MIN_PERIODS` periods are left out. Both arrays are empty for a short signal.
+    Frequencies of fewer than `_MIN_PERIODS` periods are left out. Both arrays are empty for a short signal.
 
     Args:
         values: (n,) the signal.
         moments: (n,) s, increasing.
     """
-    step = float(np.median(np.diff(moments))) if moments.size >= MIN_SAMPLES else 0.0
+    step = float(np.median(np.diff(moments))) if moments.size >= _MIN_SAMPLES else 0.0
     if not step > 0:
         return np.zeros(0), np.zeros(0)
     even = np.arange(moments[0], moments[-1], step)
@@ -68,12 +68,12 @@ def compute_relative_power(values: np.ndarray, moments: np.ndarray) -> tuple[np.
     correlation = float(signal[1:] @ signal[:-1]) / max(float(signal @ signal), 1e-300)
     signal = signal[1:] - correlation * signal[:-1]
     power = np.abs(np.fft.rfft(signal * np.hanning(signal.size))) ** 2
-    if power.size <= MIN_PERIODS + 2 * NEIGHBOURS:
+    if power.size <= _MIN_PERIODS + 2 * _NEIGHBOURS:
         return np.zeros(0), np.zeros(0)
     # The power of noise has an exponential distribution, whose median is ln 2 times its mean.
-    median = median_filter(power, 2 * NEIGHBOURS + 1, mode="mirror")
+    median = median_filter(power, 2 * _NEIGHBOURS + 1, mode="mirror")
     relative = power * math.log(2) / np.maximum(median, 1e-300)
-    return np.fft.rfftfreq(signal.size, step)[MIN_PERIODS:], relative[MIN_PERIODS:]
+    return np.fft.rfftfreq(signal.size, step)[_MIN_PERIODS:], relative[_MIN_PERIODS:]
 
 
 def refine_frequency(values: np.ndarray, moments: np.ndarray, frequency: float) -> float:
@@ -85,10 +85,10 @@ def refine_frequency(values: np.ndarray, moments: np.ndarray, frequency: float) 
         frequency: of the discrete spectrum, Hz.
     """
     resolution = 1 / float(np.ptp(moments))
-    trials = frequency + TRIAL_STEP * resolution * np.arange(-TRIALS, TRIALS + 1)
+    trials = frequency + _TRIAL_STEP * resolution * np.arange(-_TRIALS, _TRIALS + 1)
     # From one trial to the next, the phase of each sample advances by a constant.
     (cosine, sine), (by_cosine, by_sine) = (
-        _compute_waves(f, moments) for f in (trials[0], TRIAL_STEP * resolution)
+        _compute_waves(f, moments) for f in (trials[0], _TRIAL_STEP * resolution)
     )
     sizes = []
     for _ in trials:

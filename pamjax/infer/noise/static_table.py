@@ -13,22 +13,32 @@ Source: second differences as T. Gasser, L. Sroka, C. Jennen-Steinmetz, Biometri
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 #: Two settings are equal if they differ by less than this fraction of the largest.
-SETTING_TOLERANCE = 2e-3
+_SETTING_TOLERANCE = 2e-3
 
 #: Largest number of readings of a line that counts as straight.
-MAX_STRAIGHT_READINGS = 5
+_MAX_STRAIGHT_READINGS = 5
 
 #: Degrees of freedom of m second differences of a line, relative to m: 18/35 for long lines.
-SQUARES_PER_DIFFERENCE = 18 / 35
+_SQUARES_PER_DIFFERENCE = 18 / 35
+
+
+@dataclass(frozen=True)
+class TableVariance:
+    """Variance of a reading of a static table, in the unit of the reading squared."""
+
+    variance: float
+    degrees_of_freedom: float
 
 
 def estimate_table_variance(
     pressure: np.ndarray, length: np.ndarray, values: np.ndarray
-) -> tuple[float, float]:
-    """Return the variance of a reading and its degrees of freedom; NaN and 0 without a line.
+) -> TableVariance | None:
+    """Return the variance of a reading; None without a line of readings.
 
     Args:
         pressure: (n,) Pa.
@@ -36,39 +46,38 @@ def estimate_table_variance(
         values: (n,) readings of one channel, or their misfit; the variance has their unit squared.
 
     >>> p = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
-    >>> estimate_table_variance(p, np.ones(5), 7 * p)[0] < 1e-20
+    >>> estimate_table_variance(p, np.ones(5), 7 * p).variance < 1e-20
     True
     """
     if not values.size:
-        return float("nan"), 0.0
+        return None
     for fixed, along in ((length, pressure), (pressure, length)):
         line_variances = [
             _estimate_line_variance(along[rows], values[rows]) for rows in _group_by_setting(fixed)
         ]
         degrees_of_freedom = sum(squares for _, squares in line_variances)
         if degrees_of_freedom > 0:
-            return sum(
-                variance * squares for variance, squares in line_variances
-            ) / degrees_of_freedom, degrees_of_freedom
-    return float("nan"), 0.0
+            sum_of_squares = sum(variance * squares for variance, squares in line_variances)
+            return TableVariance(sum_of_squares / degrees_of_freedom, degrees_of_freedom)
+    return None
 
 
 def _estimate_line_variance(along: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     """Return the variance along one line and its degrees of freedom."""
     if np.unique(along).size < 3:
         return 0.0, 0.0
-    if along.size <= MAX_STRAIGHT_READINGS:
+    if along.size <= _MAX_STRAIGHT_READINGS:
         x = along / np.max(np.abs(along))
         residual = values - np.polyval(np.polyfit(x, values, 1), x)
         return float(residual @ residual) / (along.size - 2), float(along.size - 2)
     squares = _square_second_differences(along, values)
-    return float(np.mean(squares)), SQUARES_PER_DIFFERENCE * squares.size + 2 / 7
+    return float(np.mean(squares)), _SQUARES_PER_DIFFERENCE * squares.size + 2 / 7
 
 
 def _group_by_setting(fixed: np.ndarray) -> list[np.ndarray]:
     """Return the rows of each setting."""
     order = np.argsort(fixed, kind="stable")
-    edges = np.flatnonzero(np.diff(fixed[order]) > SETTING_TOLERANCE * np.max(np.abs(fixed))) + 1
+    edges = np.flatnonzero(np.diff(fixed[order]) > _SETTING_TOLERANCE * np.max(np.abs(fixed))) + 1
     return np.split(order, edges)
 
 

@@ -29,11 +29,11 @@ DIFFERENCE_LAGS = np.array([1, 2, 4, 8, 16])
 #: Lag-one correlations that are tried.
 CORRELATION_GRID = np.concatenate([[0.0], np.linspace(0.02, 0.98, 49)])
 #: Quantiles at which the distribution of a variance is evaluated.
-VARIANCE_RANKS = (np.arange(12) + 0.5) / 12
+_VARIANCE_RANKS = (np.arange(12) + 0.5) / 12
 #: Prior probability that a stated noise is exact, and the relative error of its variance if it is or is not.
-EXACT_PROBABILITY, EXACT_VARIANCE_ERROR, INEXACT_VARIANCE_ERROR = 0.7, 0.05, 0.5
+_EXACT_PROBABILITY, _EXACT_VARIANCE_ERROR, _INEXACT_VARIANCE_ERROR = 0.7, 0.05, 0.5
 #: Greatest distance of two differences with correlated noise, samples.
-MAX_SAMPLES_APART = 300
+_MAX_SAMPLES_APART = 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +87,10 @@ def estimate_unknown_noise(statistics: DifferenceStatistics) -> UnknownSensorNoi
     probability /= probability.sum()
     # The variance is normal with its error, truncated at zero.
     low = -variance / error
-    sizes = variance[:, None] + error[:, None] * truncnorm.ppf(VARIANCE_RANKS, low[:, None], np.inf)
+    sizes = variance[:, None] + error[:, None] * truncnorm.ppf(_VARIANCE_RANKS, low[:, None], np.inf)
     candidates = np.stack(np.broadcast_arrays(CORRELATION_GRID[:, None], sizes), axis=-1).reshape(-1, 2)
     order = np.argsort(candidates[:, 1] * (1 + candidates[:, 0]) / (1 - candidates[:, 0]))
-    candidate_probability = np.repeat(probability / VARIANCE_RANKS.size, VARIANCE_RANKS.size)
+    candidate_probability = np.repeat(probability / _VARIANCE_RANKS.size, _VARIANCE_RANKS.size)
     correlated_probability = float(probability[1:].sum())
     # The estimate is zero unless a positive correlation is more probable than none.
     rho = (
@@ -124,8 +124,8 @@ class StatedSensorNoise:
 def estimate_stated_noise(statistics: DifferenceStatistics, stated_variance: float) -> StatedSensorNoise:
     """Return the noise of a sensor from its stated noise and mean squares of second differences.
 
-    The stated noise is exact with probability `EXACT_PROBABILITY`; otherwise the true variances of the
-    sensor and of the propagated noise differ from the stated ones by `INEXACT_VARIANCE_ERROR`.
+    The stated noise is exact with probability `_EXACT_PROBABILITY`. Otherwise the true variances of the
+    sensor and of the propagated noise differ from the stated ones by `_INEXACT_VARIANCE_ERROR`.
 
     Args:
         statistics: mean squares of the residual and of the propagated noise.
@@ -133,13 +133,13 @@ def estimate_stated_noise(statistics: DifferenceStatistics, stated_variance: flo
     """
     hypotheses = [
         _integrate_factors(statistics, stated_variance, error)
-        for error in (EXACT_VARIANCE_ERROR, INEXACT_VARIANCE_ERROR)
+        for error in (_EXACT_VARIANCE_ERROR, _INEXACT_VARIANCE_ERROR)
     ]
     rho_prior = np.r_[0.5, np.full(CORRELATION_GRID.size - 1, 0.5 / (CORRELATION_GRID.size - 1))]
     evidence = [
         float(np.asarray(logsumexp(log_likelihood, b=rho_prior))) + math.log(prior)
         for (log_likelihood, _), prior in zip(
-            hypotheses, (EXACT_PROBABILITY, 1 - EXACT_PROBABILITY), strict=True
+            hypotheses, (_EXACT_PROBABILITY, 1 - _EXACT_PROBABILITY), strict=True
         )
     ]
     log_likelihood, factors = hypotheses[int(np.argmax(evidence))]
@@ -220,7 +220,7 @@ def _compute_expected_squares(k: int) -> tuple[np.ndarray, np.ndarray]:
     """Return mean squares at unit variance, and their relative covariance times the sample count."""
     rho, taps, places = CORRELATION_GRID[k], np.array([1.0, -2.0, 1.0]), np.array([-1, 0, 1])
     mean = 6 - 8 * rho**DIFFERENCE_LAGS + 2 * rho ** (2 * DIFFERENCE_LAGS)
-    apart = np.arange(-MAX_SAMPLES_APART, MAX_SAMPLES_APART + 1)
+    apart = np.arange(-_MAX_SAMPLES_APART, _MAX_SAMPLES_APART + 1)
     covariance = np.empty((DIFFERENCE_LAGS.size, DIFFERENCE_LAGS.size))
     for i, m in enumerate(DIFFERENCE_LAGS):
         for j, n in enumerate(DIFFERENCE_LAGS):

@@ -34,13 +34,13 @@ from pamjax.parameter import Meaning
 from pamjax.records.case import Case
 
 #: Minimum number of consecutive pairs of samples for an estimate of the correlation.
-MIN_LINKED_SAMPLES = 30
+_MIN_LINKED_SAMPLES = 30
 #: Bounds of a sensor's sd, relative to the stated sd.
-STATED_SD_FACTORS = (0.5, 200.0)
+_STATED_SD_FACTORS = (0.5, 200.0)
 #: Bounds of a sensor's sd without a stated sd, relative to a hundredth of the channel's range.
-UNSTATED_SD_FACTORS = (0.01, 100.0)
+_UNSTATED_SD_FACTORS = (0.01, 100.0)
 #: Bounds of a lag-one correlation; zero (white noise) is inside.
-CORRELATION_LIMITS = (-0.5, 0.9995)
+_CORRELATION_LIMITS = (-0.5, 0.9995)
 
 
 def find_noise_units(name: str) -> tuple[str, str]:
@@ -136,7 +136,7 @@ def build_noise_parameters(
         measured = np.isfinite(misfit[k]) & (np.asarray(dataset.rows.training_mask) > 0)
         if not measured.any():
             continue
-        predecessor, has_predecessor = _find_predecessors(measured[:n], case.recording.starts)
+        predecessor, has_predecessor = _find_predecessors(measured[:n], case.recording.is_run_start)
         neighbours = None if model is None else model.channels[k]
         own_sd = _estimate_own_sd(misfit[k][measured], propagated_sd[k][measured])
         if neighbours is not None:
@@ -150,7 +150,7 @@ def build_noise_parameters(
         parameters.append(
             _build_sd_parameter(f"{prefix}noise.{channel}", channel, own_sd, reference, stated_sd is not None)
         )
-        is_correlated = case.recording.has_time and has_predecessor.sum() >= MIN_LINKED_SAMPLES
+        is_correlated = case.recording.has_time and has_predecessor.sum() >= _MIN_LINKED_SAMPLES
         if is_correlated:
             s = np.where(measured, misfit[k], 0.0)[:n] / np.sqrt(own_sd**2 + propagated_sd[k][:n] ** 2)
             parameters.append(
@@ -176,16 +176,16 @@ def estimate_innovation_autocorrelation(
     """Return the autocorrelation time of innovations, samples: 1 if the noise is AR(1)."""
     measured = np.asarray(likelihood.measured)[: case.recording.n] > 0
     row = np.where(measured, innovation[: case.recording.n], np.nan)
-    return estimate_autocorrelation_time(row, case.recording.starts)
+    return estimate_autocorrelation_time(row, case.recording.is_run_start)
 
 
-def _find_predecessors(measured: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _find_predecessors(measured: np.ndarray, is_run_start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the row of the previous measured sample, and whether it is in the same run; (n,) each."""
     n = measured.size
     row = np.where(measured, np.arange(n), -1)
     previous = np.concatenate([[-1], np.maximum.accumulate(row)[:-1]])
-    run = np.cumsum(starts)
-    has_predecessor = measured & (previous >= 0) & (run[previous] == run)
+    run_number = np.cumsum(is_run_start)
+    has_predecessor = measured & (previous >= 0) & (run_number[previous] == run_number)
     return np.where(has_predecessor, previous, np.maximum(np.arange(n) - 1, 0)), has_predecessor
 
 
@@ -198,7 +198,7 @@ def _estimate_own_sd(misfit: np.ndarray, propagated_sd: np.ndarray) -> float:
 def _build_sd_parameter(
     name: str, channel: str, own_sd: float, reference: float, is_stated: bool
 ) -> FreeParameter:
-    low, high = (factor * reference for factor in (STATED_SD_FACTORS if is_stated else UNSTATED_SD_FACTORS))
+    low, high = (factor * reference for factor in (_STATED_SD_FACTORS if is_stated else _UNSTATED_SD_FACTORS))
     unit, show = SI_UNIT[channel], DISPLAY_UNIT[channel]
     source = "half to 200 times the stated sd" if is_stated else "1e-4 to 1 of the channel's range"
     meaning = Meaning(unit, show, low, high, "log", f"sd of the noise of {channel}", source)
@@ -212,7 +212,7 @@ def _estimate_lag_one(s: np.ndarray, predecessor: np.ndarray, has_predecessor: n
 
 
 def _build_correlation_parameter(name: str, lag_one: float) -> FreeParameter:
-    low, high = CORRELATION_LIMITS
+    low, high = _CORRELATION_LIMITS
     description = "correlation of the noise of neighbouring samples"
     meaning = Meaning("1", "1", low, high, "linear", description, "from alternating to almost constant noise")
     return FreeParameter(name, meaning, float(np.clip(lag_one, -0.4, 0.995)))

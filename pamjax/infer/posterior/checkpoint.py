@@ -2,7 +2,7 @@
 
 A folder contains `identity.json`, `start.npz` and the chunks `draws-000000.npz`, … . Every file is written
 atomically. A chunk contains the sampler's state after it, so a resumed chain equals an uninterrupted one.
-emcee's own HDF file is not used, because an interrupted write can damage it.
+The HDF file of emcee is not used, because an interrupted write can damage it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.records.case import Case
 from pamjax.records.files import write_atomically
 
-CHAIN_SCHEMA = "pamjax.chain/1"
+_CHAIN_SCHEMA = "pamjax.chain/1"
 
 Arrays = dict[str, np.ndarray]
 
@@ -40,7 +40,7 @@ def build_identity(
         [float(f"{v:.12g}") for v in np.asarray(a)] for a in (space.low, space.high, space.mean, space.sd)
     ]
     return {
-        "schema": CHAIN_SCHEMA,
+        "schema": _CHAIN_SCHEMA,
         "pamjax": version("pamjax"),
         "data": {case.name: case.checksum for case in cases},
         "model": {

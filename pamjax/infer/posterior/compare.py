@@ -24,7 +24,7 @@ from pamjax.infer.posterior.loo import MAX_PARETO_K, compute_loo_score
 from pamjax.notebook import NotebookNote
 
 #: Smallest significant difference, in its standard errors.
-MIN_CLEAR_DIFFERENCE = 2.0
+_MIN_CLEAR_DIFFERENCE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class PosteriorComparison(NotebookNote):
         if len(self.scores) == 1:
             return "  only one posterior: no comparison"
         deficit, error = self.compute_deficit(self.scores[1])
-        if deficit > MIN_CLEAR_DIFFERENCE * error:
+        if deficit > _MIN_CLEAR_DIFFERENCE * error:
             return f"  {self.scores[0].name} predicts better than {self.scores[1].name}"
         return f"  {self.scores[0].name} and {self.scores[1].name} predict equally well within the error"
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 #: Fraction of the draws, from the start of a chain, that is discarded as burn-in.
-BURN_IN_SHARE = 0.2
+_BURN_IN_SHARE = 0.2
 #: Minimum length of a chain, in autocorrelation times, for a reliable autocorrelation time (emcee's advice).
 MIN_CHAIN_AUTOCORRELATION_TIMES = 50
 
@@ -53,7 +53,7 @@ class ConvergenceDiagnostics:
 
 def discard_burn_in(draws: np.ndarray) -> np.ndarray:
     """Return the draws without their first fifth; (n, chains, p)."""
-    return draws[int(BURN_IN_SHARE * len(draws)) :]
+    return draws[int(_BURN_IN_SHARE * len(draws)) :]
 
 
 def compute_convergence(draws: np.ndarray) -> ConvergenceDiagnostics:

@@ -22,9 +22,9 @@ from pamjax.infer.posterior.log_density import compute_log_densities
 from pamjax.infer.posterior.sampler import Sampler
 
 #: Independent proposals: degrees of freedom of the t distribution, and its scale in sds of the Gaussian.
-PROPOSAL_DEGREES_OF_FREEDOM, PROPOSAL_WIDTH = 5.0, 1.1
+_PROPOSAL_DEGREES_OF_FREEDOM, _PROPOSAL_WIDTH = 5.0, 1.1
 #: Fraction of independent proposals.
-INDEPENDENT_MOVE_SHARE = 0.5
+_INDEPENDENT_MOVE_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -53,8 +53,8 @@ class EnsembleSampler(Sampler):
         """Return `chunk` draws (n, chains, p) with "logp" and "accepted" (n, chains), and the new state."""
         walkers, size = state["x"].shape
         moves: Any = [
-            (_IndependentMove(), INDEPENDENT_MOVE_SHARE),
-            (emcee.moves.DEMove(), 1 - INDEPENDENT_MOVE_SHARE),
+            (_IndependentMove(), _INDEPENDENT_MOVE_SHARE),
+            (emcee.moves.DEMove(), 1 - _INDEPENDENT_MOVE_SHARE),
         ]
         sampler = emcee.EnsembleSampler(walkers, size, self._compute_log_density, moves=moves, vectorize=True)
         start = emcee.State(state["x"], log_prob=state["logp"], random_state=_unpack_state(state))
@@ -76,17 +76,17 @@ class _IndependentMove(emcee.moves.RedBlueMove):
 
     def get_proposal(self, s: np.ndarray, c: Any, random: Any) -> tuple[np.ndarray, np.ndarray]:
         scale = np.sqrt(
-            PROPOSAL_DEGREES_OF_FREEDOM / random.chisquare(PROPOSAL_DEGREES_OF_FREEDOM, size=len(s))
+            _PROPOSAL_DEGREES_OF_FREEDOM / random.chisquare(_PROPOSAL_DEGREES_OF_FREEDOM, size=len(s))
         )[:, None]
-        new = PROPOSAL_WIDTH * scale * random.standard_normal(s.shape)
+        new = _PROPOSAL_WIDTH * scale * random.standard_normal(s.shape)
         return new, _compute_log_proposal(s) - _compute_log_proposal(new)
 
 
 def _compute_log_proposal(x: np.ndarray) -> np.ndarray:
     return (
         -0.5
-        * (PROPOSAL_DEGREES_OF_FREEDOM + x.shape[1])
-        * np.log1p(np.sum(x**2, axis=1) / (PROPOSAL_DEGREES_OF_FREEDOM * PROPOSAL_WIDTH**2))
+        * (_PROPOSAL_DEGREES_OF_FREEDOM + x.shape[1])
+        * np.log1p(np.sum(x**2, axis=1) / (_PROPOSAL_DEGREES_OF_FREEDOM * _PROPOSAL_WIDTH**2))
     )
 
 

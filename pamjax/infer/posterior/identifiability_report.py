@@ -2,7 +2,7 @@
 
 | verdict                        | condition                                                                 |
 |--------------------------------|---------------------------------------------------------------------------|
-| at a limit                     | `MIN_DRAWS_AT_LIMIT` of draws are within `LIMIT_DISTANCE_SD` of a bound   |
+| at a limit                     | `_MIN_DRAWS_AT_LIMIT` of draws are within `_LIMIT_DISTANCE_SD` of a bound |
 | determined by the data         | its profile has two ends, and its sd is at most half the prior sd         |
 | one-sided                      | its profile has one end                                                   |
 | determined only in combination | it would be determined if the other parameters were known                 |
@@ -40,14 +40,14 @@ from pamjax.units import format_quantity
 
 #: Verdict for a parameter that the recording determines only together with others.
 COMBINATION_KIND = "determined only in combination"
-#: Fraction of draws within `LIMIT_DISTANCE_SD` sds of the bound: 0.24 for half a Gaussian at the bound, 0.39
-#: for an exponential, 0.14 for a uniform distribution. An sd above `MAX_SPREAD_AT_LIMIT` of the range (0.29
+#: Fraction of draws within `_LIMIT_DISTANCE_SD` sds of the bound: 0.24 for half a Gaussian at the bound, 0.39
+#: for an exponential, 0.14 for a uniform distribution. An sd above `_MAX_SPREAD_AT_LIMIT` of the range (0.29
 #: for a uniform distribution) is not a value at a bound.
-MIN_DRAWS_AT_LIMIT, LIMIT_DISTANCE_SD, MAX_SPREAD_AT_LIMIT = 0.2, 0.5, 0.2
+_MIN_DRAWS_AT_LIMIT, _LIMIT_DISTANCE_SD, _MAX_SPREAD_AT_LIMIT = 0.2, 0.5, 0.2
 #: Parameters with a larger correlation may be determined only in combination.
-MIN_PARTNER_CORRELATION = 0.3
+_MIN_PARTNER_CORRELATION = 0.3
 #: A combination is reported as a product if no exponent differs from one by more than this factor.
-MAX_PRODUCT_EXPONENT = 3.0
+_MAX_PRODUCT_EXPONENT = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,7 @@ def build_verdicts(fit: Fit, space: ParameterSpace, draws: np.ndarray) -> dict[s
         ):
             kind, detail = (
                 COMBINATION_KIND,
-                describe_combination(summaries, name, partners, undetermined, undetermined_draws),
+                _describe_combination(summaries, name, partners, undetermined, undetermined_draws),
             )
         elif kind == NOT_DETERMINED:
             kind, detail = _describe_prior_share(draws[:, space.names.index(name)], summaries[name])
@@ -144,12 +144,12 @@ def _classify_parameter(
     summary: ParameterSummary, draws: np.ndarray, profile: LikelihoodProfile
 ) -> tuple[str, str]:
     position = summary.compute_range_position(draws)
-    limit_distance = LIMIT_DISTANCE_SD * position.std()
+    limit_distance = _LIMIT_DISTANCE_SD * position.std()
     for end, is_near in (
         (summary.low, position < limit_distance),
         (summary.high, position > 1 - limit_distance),
     ):
-        if is_near.mean() > MIN_DRAWS_AT_LIMIT and position.std() < MAX_SPREAD_AT_LIMIT:
+        if is_near.mean() > _MIN_DRAWS_AT_LIMIT and position.std() < _MAX_SPREAD_AT_LIMIT:
             return "at a limit", format_quantity(end, summary.unit)
     if profile.low is not None and profile.high is not None:
         if (profile.high - profile.low) / (
@@ -183,11 +183,11 @@ def _find_partners(name: str, undetermined: Sequence[str], draws: np.ndarray) ->
         return []
     index = undetermined.index(name)
     correlation = np.abs(np.corrcoef(draws, rowvar=False)[index])
-    partners = [k for k in range(len(undetermined)) if correlation[k] > MIN_PARTNER_CORRELATION]
+    partners = [k for k in range(len(undetermined)) if correlation[k] > _MIN_PARTNER_CORRELATION]
     return partners if len(partners) > 1 else []
 
 
-def describe_combination(
+def _describe_combination(
     summaries: Mapping[str, ParameterSummary],
     name: str,
     partners: Sequence[int],
@@ -211,7 +211,7 @@ def describe_combination(
         _, axes = np.linalg.eigh(np.cov(np.log(x) / prior_sd, rowvar=False))
         power = axes[:, 0] / prior_sd
         power = power / power[partners.index(index)]
-        if np.all((np.abs(power) < MAX_PRODUCT_EXPONENT) & (np.abs(power) > 1 / MAX_PRODUCT_EXPONENT)):
+        if np.all((np.abs(power) < _MAX_PRODUCT_EXPONENT) & (np.abs(power) > 1 / _MAX_PRODUCT_EXPONENT)):
             product = np.exp(np.log(x) @ power)
             relative_sd = f"{100 * product.std() / product.mean():.2g} %"
             return (

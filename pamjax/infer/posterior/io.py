@@ -38,23 +38,23 @@ from pamjax.units import compute_si_factor
 POSTERIOR_SCHEMA = "pamjax.posterior/1"
 
 #: Draws in the predictive groups, and draws in `log_likelihood`.
-PREDICTIVE_DRAWS, SCORED_DRAWS = 100, 1000
+_PREDICTIVE_DRAWS, _SCORED_DRAWS = 100, 1000
 #: Draws in the prior's group.
-PRIOR_DRAWS = 1000
+_PRIOR_DRAWS = 1000
 
 
-def build_groups(post: Posterior) -> dict[str, Any]:
+def _build_groups(post: Posterior) -> dict[str, Any]:
     """Return every group as an xarray Dataset, by name."""
     import xarray as xr
 
     space = post.density.space
     attributes = {"created_by": f"pamjax {version('pamjax')}", "sampler": post.sampler}
-    names = [format_variable_name(name) for name in space.names]
+    names = [_format_variable_name(name) for name in space.names]
     draws = {
         n: (("chain", "draw"), post.draws[:, :, k].T, _build_unit_attributes(post, space.names[k]))
         for k, n in enumerate(names)
     }
-    prior_values = sample_prior(post.density, PRIOR_DRAWS, post.seed)
+    prior_values = sample_prior(post.density, _PRIOR_DRAWS, post.seed)
     prior_variables = {
         n: (("chain", "draw"), prior_values[None, :, k], _build_unit_attributes(post, space.names[k]))
         for k, n in enumerate(names)
@@ -66,8 +66,8 @@ def build_groups(post: Posterior) -> dict[str, Any]:
         "sample_stats": stats,
         "log_likelihood": _build_likelihood_group(post),
         "prior": prior_variables,
-        "posterior_predictive": _build_predictive_group(post, post.thin_draws(PREDICTIVE_DRAWS)),
-        "prior_predictive": _build_predictive_group(post, prior_values[:PREDICTIVE_DRAWS]),
+        "posterior_predictive": _build_predictive_group(post, post.thin_draws(_PREDICTIVE_DRAWS)),
+        "prior_predictive": _build_predictive_group(post, prior_values[:_PREDICTIVE_DRAWS]),
         "observed_data": _build_observed_group(post),
     }
     return {name: xr.Dataset(data, attrs=attributes) for name, data in groups.items()}
@@ -76,12 +76,12 @@ def build_groups(post: Posterior) -> dict[str, Any]:
 _STATISTIC_NAMES = {"accepted": "acceptance_rate", "diverging": "diverging", "steps": "n_steps"}
 
 
-def format_variable_name(name: str) -> str:
+def _format_variable_name(name: str) -> str:
     """Return a parameter's name in the file, without slashes: netCDF uses them for groups."""
     return name.replace("/", ".")
 
 
-def build_attributes(post: Posterior) -> dict[str, Any]:
+def _build_attributes(post: Posterior) -> dict[str, Any]:
     """Return the attributes of the file: versions, data, model, sampler and report."""
     cases = [case_fit.case for case_fit in post.fit.cases]
     return {
@@ -117,9 +117,9 @@ def _build_unit_attributes(post: Posterior, name: str) -> dict[str, str]:
 
 def _build_likelihood_group(post: Posterior) -> dict[str, Any]:
     n, chains, size = post.draws.shape
-    step = max(1, n * chains // SCORED_DRAWS)
+    step = max(1, n * chains // _SCORED_DRAWS)
     values = post.draws[::step]
-    u = compute_points(post.density, values.reshape(-1, size))
+    u = _compute_points(post.density, values.reshape(-1, size))
     variables: dict[str, Any] = {"draw": ("draw", np.arange(n)[::step])}
     for case_fit, (names, sums) in zip(
         post.fit.cases, compute_block_log_likelihoods(post.density, u, post.fit.cases), strict=True
@@ -133,7 +133,7 @@ def _build_likelihood_group(post: Posterior) -> dict[str, Any]:
     return variables
 
 
-def compute_points(density: PosteriorDensity, values: np.ndarray) -> np.ndarray:
+def _compute_points(density: PosteriorDensity, values: np.ndarray) -> np.ndarray:
     """Return the unbounded coordinates of values, (n, p).
 
     Args:
@@ -252,8 +252,8 @@ def save_posterior(post: Posterior, folder: str | Path) -> list[Path]:
         path.write_text(
             json.dumps(build_posterior_document(post), indent=2, allow_nan=False) + "\n", encoding="utf-8"
         )
-    tree = xr.DataTree.from_dict(build_groups(post))
-    tree.attrs = build_attributes(post)
+    tree = xr.DataTree.from_dict(_build_groups(post))
+    tree.attrs = _build_attributes(post)
     with write_atomically(groups) as path:
         tree.to_netcdf(path, engine="h5netcdf")
     return [document, groups]

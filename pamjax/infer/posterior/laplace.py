@@ -17,9 +17,9 @@ from pamjax.infer.posterior.log_density import PosteriorDensity, compute_log_den
 from pamjax.jit import compile_on_call
 
 #: Maximum number of scoring steps, and the gain of log-density at which they stop.
-MAX_SCORING_STEPS, LOG_DENSITY_TOLERANCE = 30, 1e-3
+_MAX_SCORING_STEPS, _LOG_DENSITY_TOLERANCE = 30, 1e-3
 #: Maximum sd of the approximation, in prior sds: wider starting points would be close to the bounds.
-MAX_WIDTH_IN_PRIOR_SD = 1.5
+_MAX_WIDTH_IN_PRIOR_SD = 1.5
 
 
 class GaussianApproximation(eqx.Module):
@@ -41,7 +41,7 @@ class GaussianApproximation(eqx.Module):
 
 
 @compile_on_call
-def compute_curvature(density: PosteriorDensity, u: Float[Array, " p"]) -> tuple[Array, Array]:
+def _compute_curvature(density: PosteriorDensity, u: Float[Array, " p"]) -> tuple[Array, Array]:
     """Return gradient and expected curvature of −log-density at u, (p,) and (p, p)."""
     space, values = density.space, density.space.to_values(u)
 
@@ -77,8 +77,8 @@ def compute_curvature(density: PosteriorDensity, u: Float[Array, " p"]) -> tuple
 def fit_laplace(density: PosteriorDensity, start: Float[Array, " p"]) -> GaussianApproximation:
     """Return the Gaussian approximation at the mode near a starting point."""
     u, best = start, float(compute_log_densities(density, start[None])[0])
-    for _ in range(MAX_SCORING_STEPS):
-        slope, total = compute_curvature(density, u)
+    for _ in range(_MAX_SCORING_STEPS):
+        slope, total = _compute_curvature(density, u)
         step = -np.linalg.solve(_limit_width(density, u, np.asarray(total)), np.asarray(slope))
         candidates = u + jnp.asarray(0.5 ** np.arange(8))[:, None] * step
         log_densities = np.asarray(compute_log_densities(density, candidates))
@@ -87,9 +87,9 @@ def fit_laplace(density: PosteriorDensity, start: Float[Array, " p"]) -> Gaussia
         if not gain > 0:
             break
         u, best = candidates[k], log_densities[k]
-        if gain < LOG_DENSITY_TOLERANCE:
+        if gain < _LOG_DENSITY_TOLERANCE:
             break
-    _, total = compute_curvature(density, u)
+    _, total = _compute_curvature(density, u)
     return GaussianApproximation(
         u, jnp.asarray(np.linalg.cholesky(np.linalg.inv(_limit_width(density, u, np.asarray(total)))))
     )
@@ -104,4 +104,4 @@ def _limit_width(density: PosteriorDensity, u: Array, total: np.ndarray) -> np.n
     prior = np.where(
         is_gaussian, np.asarray(space.sd) / np.abs(rate), np.pi / np.sqrt(3) / np.asarray(space.width)
     )
-    return total + np.diag(1 / (MAX_WIDTH_IN_PRIOR_SD * 4 * prior) ** 2)
+    return total + np.diag(1 / (_MAX_WIDTH_IN_PRIOR_SD * 4 * prior) ** 2)

@@ -5,7 +5,7 @@
 The parameters of muscle and noise are in one `ParameterSpace`, with unbounded coordinates u.
 
 The power of a channel is one for AR(1) noise, see `ar1_likelihood.py`. With other noise, the innovations are
-correlated. If their autocorrelation time exceeds `MAX_WHITE_AUTOCORRELATION_TIME`, the power is one over it.
+correlated. If their autocorrelation time exceeds `_MAX_WHITE_AUTOCORRELATION_TIME`, the power is one over it.
 This widens the posterior.
 """
 
@@ -34,10 +34,10 @@ from pamjax.jit import compile_on_call
 from pamjax.parameter import Meaning
 
 #: Largest autocorrelation time of innovations that count as independent, samples.
-MAX_WHITE_AUTOCORRELATION_TIME = 1.5
+_MAX_WHITE_AUTOCORRELATION_TIME = 1.5
 
 #: Distance from a bound, as a share of the range, below which a value is at the bound; covers rounding only.
-ROUNDING_TOLERANCE = 1e-12
+_ROUNDING_TOLERANCE = 1e-12
 
 
 class PosteriorDensity(eqx.Module):
@@ -118,7 +118,7 @@ def build_density(
         the density, and (p,) the coordinates u of the fit's solution.
     """
     if fit.loss != "square":
-        remedy = "Fit with `--loss square`, or remove the outliers."
+        remedy = 'Fit with `loss="square"`, or remove the outliers.'
         raise refuse("a posterior needs a likelihood", f"a {fit.loss} loss", remedy=remedy)
     if fit.has_form_errors:
         remedy = "Use the standard deviations of `pamjax fit`, or fit without form errors."
@@ -171,7 +171,7 @@ def temper_density(density: PosteriorDensity, u: Array, fit: Fit) -> PosteriorDe
         ]
         powers.append(
             tuple(
-                jnp.asarray(1 / w if w > MAX_WHITE_AUTOCORRELATION_TIME else 1.0)
+                jnp.asarray(1 / w if w > _MAX_WHITE_AUTOCORRELATION_TIME else 1.0)
                 for w in autocorrelation_times
             )
         )
@@ -201,7 +201,7 @@ def _apply_prior(parameter: FreeParameter, prior: Mapping[str, Any] | None) -> F
 def _replace_value_at_bound(parameter: FreeParameter, value: float) -> float:
     """Return the value, or the starting value of the parameter if the value is at or outside a bound."""
     low, high = parameter.meaning.low, parameter.meaning.high
-    tolerance = ROUNDING_TOLERANCE * (high - low)
+    tolerance = _ROUNDING_TOLERANCE * (high - low)
     return float(value) if low + tolerance < value < high - tolerance else parameter.start
 
 

@@ -1,7 +1,7 @@
 """No-U-turn sampler (blackjax) in the coordinates of the posterior's Gaussian approximation.
 
-All directions have similar scales in these coordinates, so the warm-up adapts only the step size. blackjax
-needs only a log-density, and its state is an array that can be saved.
+All directions have similar scales in these coordinates, so the warm-up adapts only the step size. The library
+blackjax needs only a log-density, and its state is an array that can be saved.
 
 Source: Hoffman & Gelman, J. Mach. Learn. Res. 15, 1593 (2014).
 """
@@ -23,9 +23,9 @@ from pamjax.infer.posterior.log_density import PosteriorDensity
 from pamjax.infer.posterior.sampler import Sampler
 from pamjax.jit import compile_on_call
 
-CHAIN_COUNT = 4
+_CHAIN_COUNT = 4
 #: Draws that adapt the step size (as in Stan's first phase), and the target acceptance.
-WARMUP_DRAWS, TARGET_ACCEPTANCE = 75, 0.8
+_WARMUP_DRAWS, _TARGET_ACCEPTANCE = 75, 0.8
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class NutsSampler(Sampler):
     def draw_start(self, seed: int) -> Arrays:
         """Return chains after the warm-up, with their common step size."""
         keys = jax.random.split(jax.random.key(seed), 3)
-        x = jax.random.normal(keys[0], (CHAIN_COUNT, self.density.space.size))
+        x = jax.random.normal(keys[0], (_CHAIN_COUNT, self.density.space.size))
         x, step = _run_warmup(self.density, self.gaussian, x, keys[1])
         # All chains have the median step size.
         return {
@@ -94,10 +94,10 @@ def _run_warmup(
             state, average = carry
             step = jnp.exp(average.log_x)
             state, info = kernel(key, state, value, step, identity)
-            return (state, update(average, TARGET_ACCEPTANCE - info.acceptance_rate)), None
+            return (state, update(average, _TARGET_ACCEPTANCE - info.acceptance_rate)), None
 
         start = (blackjax.nuts.init(x, value), first(0.5))
-        (state, average), _ = jax.lax.scan(draw, start, jax.random.split(key, WARMUP_DRAWS))
+        (state, average), _ = jax.lax.scan(draw, start, jax.random.split(key, _WARMUP_DRAWS))
         return state.position, final(average)
 
     return jax.vmap(warm_up_chain)(x, jax.random.split(key, len(x)))

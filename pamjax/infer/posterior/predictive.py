@@ -15,9 +15,9 @@ from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.jit import compile_on_call
 
 #: Draws that the model evaluates together.
-DRAWS_PER_BATCH = 16
+_DRAWS_PER_BATCH = 16
 #: Name of the block for all rows without a block, such as transitions between settings.
-UNASSIGNED_BLOCK_NAME = "between blocks"
+_UNASSIGNED_BLOCK_NAME = "between blocks"
 
 
 def predict_channels(density: PosteriorDensity, values: np.ndarray, index: int) -> dict[str, np.ndarray]:
@@ -80,7 +80,7 @@ def compute_block_log_likelihoods(
         measured = np.any(
             [np.asarray(s.measured)[: case_fit.case.recording.n] > 0 for s in likelihoods], axis=0
         )
-        block = np.where(np.array(case_fit.block) == "", UNASSIGNED_BLOCK_NAME, np.array(case_fit.block))
+        block = np.where(np.array(case_fit.block) == "", _UNASSIGNED_BLOCK_NAME, np.array(case_fit.block))
         names = list(dict.fromkeys(block[measured].tolist()))
         label = np.full(likelihoods[0].measured.size, len(names))
         label[: len(block)] = [names.index(b) if b in names else len(names) for b in block]
@@ -115,9 +115,9 @@ def sample_prior(density: PosteriorDensity, count: int, seed: int) -> np.ndarray
 
 def _split_batches(draws: np.ndarray):
     """Return draws in batches of equal size; the first draw of the last batch fills it up."""
-    for first in range(0, len(draws), DRAWS_PER_BATCH):
-        batch = draws[first : first + DRAWS_PER_BATCH]
-        yield np.concatenate([batch, np.repeat(batch[:1], DRAWS_PER_BATCH - len(batch), axis=0)])
+    for first in range(0, len(draws), _DRAWS_PER_BATCH):
+        batch = draws[first : first + _DRAWS_PER_BATCH]
+        yield np.concatenate([batch, np.repeat(batch[:1], _DRAWS_PER_BATCH - len(batch), axis=0)])
 
 
 @compile_on_call

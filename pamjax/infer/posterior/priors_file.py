@@ -19,7 +19,7 @@ from pamjax.records.files import read_bytes
 from pamjax.records.toml_text import parse_toml
 from pamjax.units import format_quantity, parse_number
 
-PRIOR_KEYS = ("value", "sd", "low", "high")
+_PRIOR_KEYS = ("value", "sd", "low", "high")
 
 
 def read_priors(path: Path) -> dict[str, dict[str, float]]:
@@ -39,8 +39,8 @@ def _parse_prior(name: str, entry: Any, file: str) -> dict[str, float]:
     meaning = _find_meaning(name)
     prior = {}
     for key, text in entry.items():
-        if key not in PRIOR_KEYS:
-            raise refuse(f"a prior has no entry {key!r}", f"[{name}]", file, suggest_word(key, PRIOR_KEYS))
+        if key not in _PRIOR_KEYS:
+            raise refuse(f"a prior has no entry {key!r}", f"[{name}]", file, suggest_word(key, _PRIOR_KEYS))
         prior[key] = parse_number(str(text), meaning.unit, f"[{name}] of {file}")
     if not prior.get("sd", 1.0) > 0:
         raise refuse(

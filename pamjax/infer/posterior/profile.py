@@ -24,9 +24,9 @@ from pamjax.infer.problem.parameter_space import ParameterSpace
 
 #: A profile ends at this rise of χ², or at this distance from a bound (fraction of the range), or at a tenth
 #: of the distance at the start if that is less.
-MAX_CHI2_RISE, MIN_LIMIT_DISTANCE = 9.0, 0.005
+_MAX_CHI2_RISE, _MIN_LIMIT_DISTANCE = 9.0, 0.005
 #: Width of the prior that fixes a parameter, relative to its prior sd or step.
-FIXED_PRIOR_WIDTH = 1e-3
+_FIXED_PRIOR_WIDTH = 1e-3
 #: Rise of χ² at the ends of a 95 % interval.
 CHI2_RISE_95 = 4.0
 
@@ -100,13 +100,13 @@ def _apply_variance_inflation(dataset: Dataset) -> Dataset:
 def compute_profile(problem: ProfileProblem, name: str) -> LikelihoodProfile:
     """Return the profile of one parameter, followed from the best fit to both sides."""
     space, k, top = problem.space, problem.space.names.index(name), problem.solution.u
-    step = float(min(compute_sd_in_u(problem.solution)[k], 1.0))
+    step = float(min(_compute_sd_in_u(problem.solution)[k], 1.0))
     solutions = {0.0: _solve_with_fixed(problem, k, top)}
     for side in (-1.0, 1.0):
         u, steps = top, 0.5
         # A parameter may start close to the bound on this side.
         min_distance = min(
-            MIN_LIMIT_DISTANCE, 0.1 * _compute_distance_to_limit(space, k, float(top[k]), side)
+            _MIN_LIMIT_DISTANCE, 0.1 * _compute_distance_to_limit(space, k, float(top[k]), side)
         )
         while True:
             steps *= 2
@@ -118,7 +118,7 @@ def compute_profile(problem: ProfileProblem, name: str) -> LikelihoodProfile:
             if not np.isfinite(cost):
                 break
             solutions[side * steps], u = (cost, profile_point), profile_point
-            if 2 * (cost - solutions[0.0][0]) > MAX_CHI2_RISE:
+            if 2 * (cost - solutions[0.0][0]) > _MAX_CHI2_RISE:
                 break
     positions = sorted(solutions)
     values = np.array([float(space.to_values(solutions[p][1])[k]) for p in positions])
@@ -129,7 +129,7 @@ def compute_profile(problem: ProfileProblem, name: str) -> LikelihoodProfile:
     return LikelihoodProfile(values, rise, low, _find_crossing(values[best:], rise[best:]))
 
 
-def compute_sd_in_u(solution: Solution) -> np.ndarray:
+def _compute_sd_in_u(solution: Solution) -> np.ndarray:
     """Return the standard deviations of the unbounded coordinates u at a solution, (p,)."""
     sd, _ = compute_sd_and_correlation(solution)
     slope = np.maximum(np.abs(np.asarray(solution.slope)), 1e-300)
@@ -140,8 +140,8 @@ def _solve_with_fixed(problem: ProfileProblem, k: int, u: Array) -> tuple[float,
     """Return half χ² with parameter k fixed at u[k], and the solution for the others."""
     space, solution = problem.space, problem.solution
     value, slope = space.to_values(u)[k], jnp.abs(solution.slope[k])
-    sd = FIXED_PRIOR_WIDTH * space.sd[k] if jnp.isfinite(space.sd[k]) else FIXED_PRIOR_WIDTH * slope
-    sd = jnp.minimum(sd, FIXED_PRIOR_WIDTH * compute_sd_in_u(solution)[k] * jnp.maximum(slope, 1e-300))
+    sd = _FIXED_PRIOR_WIDTH * space.sd[k] if jnp.isfinite(space.sd[k]) else _FIXED_PRIOR_WIDTH * slope
+    sd = jnp.minimum(sd, _FIXED_PRIOR_WIDTH * _compute_sd_in_u(solution)[k] * jnp.maximum(slope, 1e-300))
     fixed_space = eqx.tree_at(
         lambda s: (s.mean, s.sd), space, (space.mean.at[k].set(value), space.sd.at[k].set(sd))
     )

@@ -25,7 +25,7 @@ from pamjax.progress import Progress, ignore_progress
 from pamjax.records.case import Case
 
 SamplerName = Literal["emcee", "nuts"]
-SAMPLERS: dict[str, type[Sampler]] = {"emcee": EnsembleSampler, "nuts": NutsSampler}
+_SAMPLERS: dict[str, type[Sampler]] = {"emcee": EnsembleSampler, "nuts": NutsSampler}
 
 #: Steps of the pilot run that refines the Gaussian approximation.
 PILOT_STEPS = 400
@@ -85,7 +85,7 @@ def sample(
     density, start = build_density(fit, priors)
     density, gaussian, state = _start_chain(chain_store, density, start, fit, sampler, seed)
     draws, convergence = run_sampler(
-        SAMPLERS[sampler](density, gaussian), chain_store, state, (ess, rhat, max_draws), progress
+        _SAMPLERS[sampler](density, gaussian), chain_store, state, (ess, rhat, max_draws), progress
     )
     progress("done", 1.0)
     return Posterior(
@@ -96,7 +96,7 @@ def sample(
         log_density=discard_burn_in(concatenate_chunks(draws, "logp")),
         stats={k: discard_burn_in(concatenate_chunks(draws, k)) for k in draws[0] if k not in ("x", "logp")},
         convergence=convergence,
-        converged=convergence.is_converged(ess, rhat, SAMPLERS[sampler].needs_long_chain),
+        converged=convergence.is_converged(ess, rhat, _SAMPLERS[sampler].needs_long_chain),
         targets=(ess, rhat),
         sampler=sampler,
         seed=seed,
@@ -134,7 +134,7 @@ def _start_chain(
     if (powers < 1).any():
         gaussian = fit_laplace(density, gaussian.centre)
     gaussian = refine_gaussian(EnsembleSampler(density, gaussian, PILOT_STEPS), seed)
-    state = SAMPLERS[sampler](density, gaussian).draw_start(seed)
+    state = _SAMPLERS[sampler](density, gaussian).draw_start(seed)
     chain_store.write_start(
         {
             "centre": np.asarray(gaussian.centre),
@@ -165,8 +165,8 @@ def _set_powers(density: PosteriorDensity, powers: np.ndarray) -> PosteriorDensi
 
 
 def _check_settings(sampler: str, ess: float, rhat: float, max_draws: int, seed: int) -> None:
-    if sampler not in SAMPLERS:
-        raise refuse(f"unknown sampler {sampler!r}", remedy=suggest_word(sampler, SAMPLERS))
+    if sampler not in _SAMPLERS:
+        raise refuse(f"unknown sampler {sampler!r}", remedy=suggest_word(sampler, _SAMPLERS))
     minimums = {"ess": (ess, 1), "rhat": (rhat, 1), "max_draws": (max_draws, 100), "seed": (seed, 0)}
     for name, (value, low) in minimums.items():
         if not value >= low:

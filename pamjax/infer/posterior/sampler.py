@@ -22,9 +22,9 @@ from pamjax.infer.posterior.log_density import PosteriorDensity
 from pamjax.progress import Progress
 
 #: Draws of one chunk; a chunk is saved as one file.
-DRAWS_PER_CHUNK = 50
+_DRAWS_PER_CHUNK = 50
 #: Growth of the chain between two checks of convergence.
-CHECK_GROWTH_FACTOR = 1.2
+_CHECK_GROWTH_FACTOR = 1.2
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Sampler(ABC):
 
     density: PosteriorDensity
     gaussian: GaussianApproximation
-    chunk: int = DRAWS_PER_CHUNK
+    chunk: int = _DRAWS_PER_CHUNK
     needs_long_chain: ClassVar[bool]
 
     @abstractmethod
@@ -106,7 +106,7 @@ def _schedule_checks(max_draws: int) -> frozenset[int]:
     """Return the chunk counts at which convergence is checked; a resumed run has the same schedule."""
     checks = [2]
     while checks[-1] < max_draws:
-        checks.append(max(checks[-1] + 1, int(CHECK_GROWTH_FACTOR * checks[-1])))
+        checks.append(max(checks[-1] + 1, int(_CHECK_GROWTH_FACTOR * checks[-1])))
     return frozenset(checks)
 
 

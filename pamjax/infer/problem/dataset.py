@@ -43,15 +43,15 @@ CHANNELS = ("force", "diameter")
 MAX_SLACK_FORCE_SHARE = 0.02
 
 #: Smallest significant pressure, standard deviations of its sensor.
-MIN_PRESSURE_SD = 3.0
+_MIN_PRESSURE_SD = 3.0
 
 #: Smallest pressure, relative to the highest, at which the length at a set force is informative.
-MIN_INFLATED_SHARE = 0.01
+_MIN_INFLATED_SHARE = 0.01
 
 #: Number of samples in the running median that detects a slack muscle: maximum, and fraction of the block.
-MAX_MEDIAN_SAMPLES, MEDIAN_BLOCK_SHARE = 15, 1 / 30
+_MAX_MEDIAN_SAMPLES, _MEDIAN_BLOCK_SHARE = 15, 1 / 30
 #: Largest noise of a sample, standard deviations of the load cell.
-MAX_NOISE_SD = 4.0
+_MAX_NOISE_SD = 4.0
 
 
 class PaddedRows(eqx.Module):
@@ -81,7 +81,7 @@ class PaddedRows(eqx.Module):
 
     @property
     def weights(self) -> np.ndarray:
-        """(2, n) 1 / standard deviation of force and diameter; zero where not measured."""
+        """Return 1 / standard deviation of force and diameter, (2, n); zero where not measured."""
         return np.stack([self.force_weight, self.diameter_weight])
 
 
@@ -201,17 +201,17 @@ def build_history(case: Case, size: int | None = None, compute_padding: bool = T
 
     Args:
         case: the case.
-        size: number of rows with padding; None for `compute_padded_size`.
+        size: number of rows with padding; None for `_compute_padded_size`.
         compute_padding: whether padded samples are computed.
     """
     recording = case.recording
     return build_time_history(
         recording.time,
-        recording.starts,
+        recording.is_run_start,
         restart=case.gaps == "anew",
         settled=case.before == "settled",
         stroke_channels=recording.length_and_pressure,
-        size=size or compute_padded_size(recording.n),
+        size=size or _compute_padded_size(recording.n),
         compute_padding=compute_padding,
     )
 
@@ -246,7 +246,7 @@ def find_slack_samples(case: Case) -> np.ndarray:
     """Return whether the muscle exerts nearly no force, (n,), by a running median of the force.
 
     A criterion on the sample's own force would select samples by their noise, and bias the force near the
-    threshold. Only a sample that is below the threshold by more than noise is slack by its own force: where a
+    threshold. Only a sample that is below the threshold by more than noise is slack by its own force. Where a
     muscle tightens quickly, the neighbours have a force. A set force of zero does not mean a slack muscle.
     """
     if case.recording.measures_length:
@@ -256,9 +256,9 @@ def find_slack_samples(case: Case) -> np.ndarray:
     force = pd.Series(np.where(recording.usable, recording.force, np.nan))
     # The rows of a static table have no order, and so no neighbours.
     for _, block in force.groupby(find_blocks(recording).label) if recording.time is not None else ():
-        width = max(1, min(MAX_MEDIAN_SAMPLES, int(MEDIAN_BLOCK_SHARE * block.size)))
+        width = max(1, min(_MAX_MEDIAN_SAMPLES, int(_MEDIAN_BLOCK_SHARE * block.size)))
         force[block.index] = block.rolling(width, center=True, min_periods=1).median()
-    below = recording.force < MAX_SLACK_FORCE_SHARE * top - MAX_NOISE_SD * (np.inf if sd is None else sd)
+    below = recording.force < MAX_SLACK_FORCE_SHARE * top - _MAX_NOISE_SD * (np.inf if sd is None else sd)
     return (force.fillna(np.inf).to_numpy() < MAX_SLACK_FORCE_SHARE * top) | (below & recording.usable)
 
 
@@ -269,20 +269,20 @@ def find_informative_samples(case: Case, channel: str) -> np.ndarray:
     a stroke, it locates the end of the stroke, and is included. At a fixed length, the diameter of a slack
     muscle, or of one without significant pressure, is arbitrary, so it is excluded too. Without stated noise
     of the pressure sensor, every pressure above zero is significant. At a set force, the length is not
-    informative without significant pressure, which is also at least `MIN_INFLATED_SHARE` of the highest.
+    informative without significant pressure, which is also at least `_MIN_INFLATED_SHARE` of the highest.
     """
     informative = case.recording.usable & np.isfinite(getattr(case.recording, channel))
     if case.recording.measures_length:
         pressure = case.recording.pressure
-        threshold = MIN_INFLATED_SHARE * np.nanmax(pressure[case.recording.usable], initial=0.0)
-        noise = MIN_PRESSURE_SD * (case.entry.sensors.pressure or 0.0)
+        threshold = _MIN_INFLATED_SHARE * np.nanmax(pressure[case.recording.usable], initial=0.0)
+        noise = _MIN_PRESSURE_SD * (case.entry.sensors.pressure or 0.0)
         return informative & np.isfinite(case.recording.force) & (pressure > max(threshold, noise))
     if find_blocks(case.recording).kind != "lengths":
         return informative
     informative = informative & ~find_slack_samples(case)
     if channel == "force":
         return informative
-    return informative & (case.recording.pressure > MIN_PRESSURE_SD * (case.entry.sensors.pressure or 0.0))
+    return informative & (case.recording.pressure > _MIN_PRESSURE_SD * (case.entry.sensors.pressure or 0.0))
 
 
 def count_informative_samples(case: Case) -> int:
@@ -290,15 +290,15 @@ def count_informative_samples(case: Case) -> int:
     return sum(int(find_informative_samples(case, c).sum()) for c in case.recording.model_channels)
 
 
-def compute_padded_size(n: int) -> int:
+def _compute_padded_size(n: int) -> int:
     """Return the number of rows with padding: a power of two up to 512, then a multiple of 512."""
     return max(8, 1 << (n - 1).bit_length()) if n <= 512 else 512 * math.ceil(n / 512)
 
 
 def build_rows(case: Case, size: int | None = None) -> PaddedRows:
-    """Return the samples of a case, padded to `size` rows; None for `compute_padded_size`."""
+    """Return the samples of a case, padded to `size` rows; None for `_compute_padded_size`."""
     recording = case.recording
-    size = size or compute_padded_size(recording.n)
+    size = size or _compute_padded_size(recording.n)
     usable = recording.usable
     force_sd, diameter_sd = estimate_starting_sd(case)
 

@@ -16,7 +16,7 @@ from pamjax.records.reading.muscle_toml import Bladder, MuscleToml
 from pamjax.records.reading.quantity import MeasuredValue
 
 #: Starting values of a toe law: half the stiffness up to 0.3 % strain.
-TOE_START = {
+_TOE_START = {
     "thread.toe_ratio": 0.5,
     "thread.crimp": 0.003,
     "thread.width": 1e-3,
@@ -26,13 +26,13 @@ TOE_START = {
 #: Prior sds of a toe law. The width of its corner is poorly identifiable and correlated with the slope below
 #: it. Without this prior, 90 % intervals of that slope contained the true value in 63 of 100 simulated
 #: recordings; with it, in 88.
-TOE_SD = {"thread.width": 0.5e-3}
+_TOE_SD = {"thread.width": 0.5e-3}
 
 #: Dimensions of the rubber tube in muscle.toml, which are fixed unless stated with an sd.
-TUBE_SIZES = ("inner_diameter", "thickness", "length")
+_TUBE_SIZES = ("inner_diameter", "thickness", "length")
 
 #: Default inner diameter and wall thickness of the rubber tube, relative to the braid's diameter at rest.
-DEFAULT_BORE_SHARE, DEFAULT_WALL_SHARE = 0.75, 0.08
+_DEFAULT_BORE_SHARE, _DEFAULT_WALL_SHARE = 0.75, 0.08
 
 
 def is_length_error(name: str) -> bool:
@@ -59,7 +59,7 @@ def collect_stated_values(entry: MuscleToml, law: str) -> dict[str, MeasuredValu
         else:
             values["thread.stiffness"] = entry.stiffness or MeasuredValue(_guess_stiffness(entry), math.inf)
         values |= {
-            name: MeasuredValue(TOE_START[name], TOE_SD.get(name, math.inf))
+            name: MeasuredValue(_TOE_START[name], _TOE_SD.get(name, math.inf))
             for name in list_law_parameters(law)
         }
     return {name: measured for name, measured in values.items() if measured is not None}
@@ -94,7 +94,7 @@ def collect_mechanism_values(entry: MuscleToml, ids: Sequence[str]) -> dict[str,
     stated_values = estimate_tube_sizes(entry) | _read_bladder_modulus(entry)
     return {
         name: stated_values[name.rpartition(".")[2]]
-        if name.rpartition(".")[2] in TUBE_SIZES
+        if name.rpartition(".")[2] in _TUBE_SIZES
         else stated_values.get(name) or _choose_start_value(find_meaning(name), kind, field)
         for name, (kind, field) in list_mechanism_parameters(ids).items()
     }
@@ -107,8 +107,8 @@ def estimate_tube_sizes(entry: MuscleToml) -> dict[str, MeasuredValue]:
     outer = math.sqrt(max(thread**2 - rest_length**2, 0.0)) / (math.pi * turns)
     bladder = entry.bladder or Bladder()
     sizes = {
-        "inner_diameter": bladder.inner_diameter or MeasuredValue(DEFAULT_BORE_SHARE * outer),
-        "thickness": bladder.thickness or MeasuredValue(DEFAULT_WALL_SHARE * outer),
+        "inner_diameter": bladder.inner_diameter or MeasuredValue(_DEFAULT_BORE_SHARE * outer),
+        "thickness": bladder.thickness or MeasuredValue(_DEFAULT_WALL_SHARE * outer),
         "length": MeasuredValue(rest_length),
     }
     fitting = entry.fitting_diameter or MeasuredValue(outer, 0.1 * outer)

@@ -24,7 +24,7 @@ PRESLIDING_PRESSURE = 3e5
 MIN_FRICTION_PRESSURE = 1e3
 
 #: Minimum cosine of the braid angle: a negative power of the radius of a straight muscle is infinite.
-MIN_ANGLE_COSINE = 1e-3
+_MIN_ANGLE_COSINE = 1e-3
 
 #: Presliding distances of the elements, over the largest one. The elements have equal weights, so that force
 #: rises in four straight pieces of decreasing slope.
@@ -171,7 +171,7 @@ class BraidFriction(AbstractMemory):
     def strength(self, pressure: Array, state: State) -> Array:
         """Return the full friction force for a coefficient of one, N."""
         power = (jnp.maximum(pressure, MIN_FRICTION_PRESSURE) / PRESLIDING_PRESSURE) ** (self.exponent - 1)
-        angle_cosine = jnp.maximum(2 * jnp.pi * state.turns * state.radius / state.thread, MIN_ANGLE_COSINE)
+        angle_cosine = jnp.maximum(2 * jnp.pi * state.turns * state.radius / state.thread, _MIN_ANGLE_COSINE)
         arm = state.length * (state.length / state.thread) ** (self.reach - 1) * angle_cosine**self.girth
         return 2 / 3 * PATCH_RADIUS * jnp.maximum(pressure, 0.0) * power * arm / state.turns
 

@@ -14,7 +14,7 @@ from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
 #: Smallest overlap, over the width: less than the rounded corner has at any possible spacing.
-MIN_OVERLAP = 1e-12
+_MIN_OVERLAP = 1e-12
 
 
 class BraidLocking(AbstractStoredEnergy):
@@ -30,8 +30,8 @@ class BraidLocking(AbstractStoredEnergy):
         ρ   rounding     1    share of the width over which contact begins: threads are not equally wide
         ⟨c⟩                   rounded positive part, [c + √(c² + ρ²)] / 2
 
-    S is largest at 45°, and equal at θ and 90° − θ. The force at a constant thread length,
-    −K V° ⟨1 − S/w⟩^m 2 cos 2θ / (w N cos θ), pulls where θ > 45° and pushes where θ < 45°.
+    S is largest at 45°, and equal at θ and 90° − θ. The force at a constant thread length is
+    −K V° ⟨1 − S/w⟩^m 2 cos 2θ / (w N cos θ). It pulls where θ > 45° and pushes where θ < 45°.
     The exponent is 1 for threads that touch along a line, 3/2 for round patches, and about 3 for bundles of
     fibres that are compacted. The rounded overlap is positive, so that force and derivatives are finite.
     Only the total width of all threads is identifiable, not their number.
@@ -90,6 +90,6 @@ class BraidLocking(AbstractStoredEnergy):
         overlap = 1 - spacing / self.width
         overlap = 0.5 * (overlap + jnp.sqrt(overlap**2 + self.rounding**2))
         # Far from contact, rounding may cancel the overlap: the power of zero has no derivative.
-        overlap = jnp.maximum(overlap, MIN_OVERLAP)
+        overlap = jnp.maximum(overlap, _MIN_OVERLAP)
         power = self.exponent + 1
         return self.stiffness * thread**3 / (4 * jnp.pi * turns**2) * overlap**power / power

@@ -12,7 +12,7 @@ from pamjax.model.scan import relax_states
 from pamjax.parameter import Scalar, parameter
 
 #: Time constant below which a filter has no effect, s.
-MIN_TIME_CONSTANT = 1e-6
+_MIN_TIME_CONSTANT = 1e-6
 
 
 class ChannelLag(AbstractSensor):
@@ -30,6 +30,8 @@ class ChannelLag(AbstractSensor):
     """
 
     id: ClassVar[str] = "channel_lag"
+    needs_time: ClassVar[bool] = True
+    mixes_samples: ClassVar[bool] = True
     about: ClassVar[Description] = Description(
         title="time delay between force and the other channels",
         equation="tau dF_recorded/dt = F(t - d + tau) - F_recorded,   tau = s max(d, 0)",
@@ -61,9 +63,9 @@ class ChannelLag(AbstractSensor):
         delayed_force = history.delay(force, self.lag - time_constant)
         # Deviation e of the filter from its input, with a linear input over each step of h time constants:
         # e ← e exp(−h) + ΔF (1 − exp(−h)) / h.
-        steps = history.increments(history.time) / jnp.maximum(time_constant, MIN_TIME_CONSTANT)
+        steps = history.increments(history.time) / jnp.maximum(time_constant, _MIN_TIME_CONSTANT)
         mean_share = -jnp.expm1(-steps) / jnp.where(steps > 0, steps, 1.0)
         deviation = relax_states(
             history.increments(delayed_force) * mean_share, jnp.exp(-steps), history.restart
         )
-        return delayed_force - jnp.where(time_constant > MIN_TIME_CONSTANT, deviation, 0.0), diameter
+        return delayed_force - jnp.where(time_constant > _MIN_TIME_CONSTANT, deviation, 0.0), diameter

@@ -13,7 +13,7 @@ from pamjax.model.mechanism import AbstractPressureLoss, Description, Past, Samp
 from pamjax.parameter import Scalar, parameter
 
 #: Minimum difference between the cosine of the braid angle and `fill`.
-MIN_WIDTH_GAP = 1e-3
+_MIN_WIDTH_GAP = 1e-3
 
 #: Pressure, Pa, below which a reading counts as zero.
 MIN_CONTACT_PRESSURE = 1e-3
@@ -83,7 +83,7 @@ class ContactPressure(AbstractPressureLoss):
             width: cosine of the braid angle.
         """
         is_positive = pressure > MIN_CONTACT_PRESSURE
-        threshold = self.threshold * (1 - (self.fill / jnp.maximum(width, self.fill + MIN_WIDTH_GAP)) ** 4)
+        threshold = self.threshold * (1 - (self.fill / jnp.maximum(width, self.fill + _MIN_WIDTH_GAP)) ** 4)
         ratio = threshold / jnp.where(is_positive, pressure, 1.0)
         rounding = jnp.sqrt(jnp.sqrt(jnp.sqrt(1 + ratio**8)))
         return jnp.where(is_positive, threshold / rounding, 0.0)

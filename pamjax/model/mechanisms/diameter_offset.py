@@ -15,7 +15,7 @@ from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
 #: Smallest diameter over that at 54.7°, for a finite coat on a straight muscle.
-MIN_RELATIVE_DIAMETER = 0.25
+_MIN_RELATIVE_DIAMETER = 0.25
 
 
 class DiameterOffset(AbstractSensor):
@@ -83,7 +83,7 @@ class DiameterOffset(AbstractSensor):
     ) -> tuple[Samples, Samples]:
         inflating = jnp.where(past.pressure > 0, past.pressure, 0.0)
         compaction = self.compaction * inflating / (inflating + self.half)
-        widening = jnp.maximum(_compute_relative_diameter(past.state), MIN_RELATIVE_DIAMETER)
+        widening = jnp.maximum(_compute_relative_diameter(past.state), _MIN_RELATIVE_DIAMETER)
         return force, diameter + self.offset * widening**-self.thinning - compaction
 
 

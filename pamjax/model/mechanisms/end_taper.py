@@ -26,9 +26,9 @@ class EndTaper(AbstractShape):
     mid-length, where the wall is stretched most.
 
     No radius gives a cylinder at every contraction, therefore the share is a parameter. Neutral: s = 0.
-    Neglects: friction of the crossings; muscles shorter than tan²θ diameters, for which it is an
-    approximation; threads clamped at an angle, or over a length; the axial pull of the bladder, which
-    straightens the meridian; the shorter stretched part of the bladder at the ends.
+    Neglects: friction of the crossings, and threads clamped at an angle or over a length. It also neglects
+    the axial pull of the bladder, which straightens the meridian, and the shorter stretched part of the
+    bladder. For muscles shorter than tan²θ diameters it is an approximation.
     The simpler `end_cones` and `contraction_factor` are available for comparison.
     Source: derived here, as the maximum volume of a pin-jointed net; compared with a net of rings.
     """

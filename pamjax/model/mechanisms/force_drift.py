@@ -36,6 +36,7 @@ class ForceDrift(AbstractSensor):
     """
 
     id: ClassVar[str] = "force_drift"
+    needs_time: ClassVar[bool] = True
     about: ClassVar[Description] = Description(
         title="zero drift of the load cell",
         equation="F_recorded = F + a t + b t^2 + D (1 - e^(-t/tau)) + r sqrt(t)\n"

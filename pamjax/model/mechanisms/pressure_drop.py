@@ -26,6 +26,8 @@ class PressureDrop(AbstractPressureLoss):
     """
 
     id: ClassVar[str] = "pressure_drop"
+    needs_time: ClassVar[bool] = True
+    mixes_samples: ClassVar[bool] = True
     about: ClassVar[Description] = Description(
         title="pressure drop between gauge and muscle",
         equation="P = P_measured - Z Q - K Q |Q|,   Q = dV/dt;   dF = (Z + K |Q|) (dV/dL)^2 dL/dt",

@@ -16,10 +16,10 @@ from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
 #: Positions of the inner branches between the shortest and the longest time, on a logarithmic scale.
-BRANCH_POSITIONS = (1 / 3, 2 / 3)
+_BRANCH_POSITIONS = (1 / 3, 2 / 3)
 
 #: Smallest share of the shorter or of the longer time in a power law.
-MIN_SHARE = 1e-6
+_MIN_SHARE = 1e-6
 
 
 class ViscoelasticCreep(AbstractMemory):
@@ -39,10 +39,10 @@ class ViscoelasticCreep(AbstractMemory):
         τ_1,2   times     s    shortest and longest relaxation time
         V                 m³   volume of the rubber, π t (d + t) l
 
-    With b = 1 the weights are a power of the relaxation time, as those of a fractional element (spring-pot)
-    of order α: the stress falls as t^(−α) between the times, with α = ln(g / (1 − g)) / ln(τ_2 / τ_1). It
-    falls with the logarithm of time for g = ½. One branch for each factor of ten in time is accurate to 4 %
-    of the relaxing stress, so that the times may differ by a factor of 1000.
+    With b = 1 the weights are a power of the relaxation time, as those of a fractional element (spring-pot).
+    Its order is α = ln(g / (1 − g)) / ln(τ_2 / τ_1): the stress falls as t^(−α) between the times. It falls
+    with the logarithm of time for g = ½. One branch for each factor of ten in time is accurate to 4 % of the
+    relaxing stress. The times may thus differ by a factor of 1000.
 
     For τ → ∞ this is another neo-Hookean wall, minus its stress at the first sample. For τ → 0 it vanishes.
     S is assumed linear in time between samples, and is integrated exactly, so that unequal steps and long
@@ -124,12 +124,12 @@ class ViscoelasticCreep(AbstractMemory):
 
     def list_branches(self) -> tuple[Float[Array, " 4"], Float[Array, " 4"]]:
         """Return the relaxation times, s, and the shares of the branches."""
-        position = jnp.asarray(BRANCH_POSITIONS)
+        position = jnp.asarray(_BRANCH_POSITIONS)
         between = self.time_short ** (1 - position) * self.time_long**position
         times = jnp.concatenate([self.time_short[None], between, self.time_long[None]])
         # Not exactly zero: the slope of its root would be infinite.
-        share = jnp.clip(self.share, MIN_SHARE, 1 - MIN_SHARE)
-        along = jnp.asarray((0.0, *BRANCH_POSITIONS, 1.0))
+        share = jnp.clip(self.share, _MIN_SHARE, 1 - _MIN_SHARE)
+        along = jnp.asarray((0.0, *_BRANCH_POSITIONS, 1.0))
         power_law = share ** (1 - along) * (1 - share) ** along
         power_law = power_law / jnp.sum(power_law)
         zero = jnp.zeros_like(self.share)

@@ -14,7 +14,7 @@ from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
 #: Speed at which the coefficient is defined, and speed below which a muscle is nearly at rest, m/s.
-REFERENCE_SPEED, REST_SPEED = 1e-3, 2e-5
+_REFERENCE_SPEED, _REST_SPEED = 1e-3, 2e-5
 
 
 class ViscousDamping(AbstractMemory):
@@ -69,5 +69,5 @@ class ViscousDamping(AbstractMemory):
         damping = self.coefficient + self.pressed * jnp.maximum(past.pressure, 0.0)
         rate = history.rate(strains[:, 0])
         # Rounded at rest, where a power below one has an infinite slope.
-        speed = (rate**2 + REST_SPEED**2) / (REFERENCE_SPEED**2 + REST_SPEED**2)
+        speed = (rate**2 + _REST_SPEED**2) / (_REFERENCE_SPEED**2 + _REST_SPEED**2)
         return (damping * rate * speed ** (0.5 * (self.power - 1)))[:, None]

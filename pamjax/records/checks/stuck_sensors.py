@@ -13,9 +13,9 @@ from pamjax.records.recording import Recording
 from pamjax.units import format_quantity
 
 #: Minimum length of a sequence of equal readings of a stuck sensor: rows, and share of all measured rows.
-MIN_STUCK_ROWS, MIN_STUCK_SHARE = 20, 0.1
+_MIN_STUCK_ROWS, _MIN_STUCK_SHARE = 20, 0.1
 #: Minimum change of pressure or length if the muscle moves, as a share of its range and of its maximum.
-MIN_MOVED_RANGE_SHARE, MIN_MOVED_VALUE_SHARE = 0.2, 0.01
+_MIN_MOVED_RANGE_SHARE, _MIN_MOVED_VALUE_SHARE = 0.2, 0.01
 
 
 def find_stuck_sensors(recording: Recording, file: str) -> list[str]:
@@ -38,7 +38,7 @@ def find_stuck_sensors(recording: Recording, file: str) -> list[str]:
             continue
         values = getattr(recording, name)
         first, last = _find_longest_run(recording, values)
-        min_rows = max(MIN_STUCK_ROWS, MIN_STUCK_SHARE * np.isfinite(values).sum())
+        min_rows = max(_MIN_STUCK_ROWS, _MIN_STUCK_SHARE * np.isfinite(values).sum())
         if last - first >= min_rows and any(_is_moving(channel, first, last) for channel in drivers):
             reading = format_quantity(values[first], DISPLAY_UNIT[name])
             rows = f"rows {recording.row[first]} to {recording.row[last - 1]} of {file}"
@@ -52,7 +52,7 @@ def find_stuck_sensors(recording: Recording, file: str) -> list[str]:
 def _find_longest_run(recording: Recording, values: np.ndarray) -> tuple[int, int]:
     """Return first row and end of the longest sequence of equal readings in a continuous part."""
     is_checked = np.isfinite(values) & (values != 0)
-    is_new = np.r_[True, values[1:] != values[:-1]] | ~is_checked | recording.starts
+    is_new = np.r_[True, values[1:] != values[:-1]] | ~is_checked | recording.is_run_start
     bounds = np.r_[np.flatnonzero(is_new), values.size]
     lengths = np.where(is_checked[bounds[:-1]], np.diff(bounds), 0)
     k = int(np.argmax(lengths))
@@ -61,7 +61,7 @@ def _find_longest_run(recording: Recording, values: np.ndarray) -> tuple[int, in
 
 def _is_moving(channel: np.ndarray, first: int, last: int) -> bool:
     min_change = max(
-        MIN_MOVED_RANGE_SHARE * _compute_range(channel), MIN_MOVED_VALUE_SHARE * float(np.nanmax(channel))
+        _MIN_MOVED_RANGE_SHARE * _compute_range(channel), _MIN_MOVED_VALUE_SHARE * float(np.nanmax(channel))
     )
     return _compute_range(channel[first:last]) > min_change
 

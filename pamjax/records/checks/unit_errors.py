@@ -20,25 +20,25 @@ from pamjax.records.recording import Recording
 from pamjax.units import compute_si_factor, format_quantity
 
 #: Limits of measured force over ideal force near rest; a muscle with a third of the ideal force passes.
-FORCE_RATIO_LIMITS = (0.3, 2.5)
+_FORCE_RATIO_LIMITS = (0.3, 2.5)
 #: Limits of measured diameter over ideal diameter; soft threads cause 1.35 at rest; a thick
 #: wall adds a few tenths.
-DIAMETER_RATIO_LIMITS = (0.6, 1.75)
+_DIAMETER_RATIO_LIMITS = (0.6, 1.75)
 #: Limits of longest length over rest length; a muscle shortens by at most 40 %, and hardly lengthens.
-LENGTH_RATIO_LIMITS = (0.5, 1.6)
+_LENGTH_RATIO_LIMITS = (0.5, 1.6)
 #: A column whose minimum is below this share of its maximum is a displacement, not a length.
-MAX_DISPLACEMENT_RATIO = 0.4
+_MAX_DISPLACEMENT_RATIO = 0.4
 
 #: Minimum length of a row near rest, as a share of the rest length.
-MIN_LENGTH_NEAR_REST = 0.97
+_MIN_LENGTH_NEAR_REST = 0.97
 #: A message suggests a unit error if |log(ratio / factor)| is at most this, thus within a factor of 1.6.
-MAX_LOG_RATIO_NAMED = 0.5
+_MAX_LOG_RATIO_NAMED = 0.5
 
 #: Pa; a higher pressure with a small force is probably in another unit, because air muscles burst before.
-MAX_USUAL_PRESSURE = 1.5e6
+_MAX_USUAL_PRESSURE = 1.5e6
 
 #: Units that are often confused.
-CONFUSED_UNITS = {
+_CONFUSED_UNITS = {
     "pressure": ("Pa", "kPa", "bar", "MPa", "psi"),
     "force": ("N", "kN", "lbf", "kgf"),
     "length": ("mm", "cm", "m", "in"),
@@ -46,10 +46,10 @@ CONFUSED_UNITS = {
 }
 
 #: Pa: atmospheric pressure; maximum distance from it of a vented reading, and of the pressure at zero force.
-ATMOSPHERIC_PRESSURE, MAX_VENT_OFFSET, MAX_START_OFFSET = 101.3e3, 4e3, 10e3
+_ATMOSPHERIC_PRESSURE, _MAX_VENT_OFFSET, _MAX_START_OFFSET = 101.3e3, 4e3, 10e3
 
 #: Forces below this number of standard deviations of their noise are those of a slack muscle.
-MAX_SLACK_SD = 4.0
+_MAX_SLACK_SD = 4.0
 
 
 def check_units(recording: Recording, entry: MuscleToml, units: dict[str, str], file: str) -> list[str]:
@@ -85,12 +85,12 @@ def _check_pull(recording: Recording, entry: MuscleToml, column_units: dict[str,
     if noise is None or not force.size or np.isfinite(recording.diameter).any():
         return
     largest = float(np.max(np.abs(force)))
-    if largest > MAX_SLACK_SD * noise:
+    if largest > _MAX_SLACK_SD * noise:
         return
     unit = column_units["force"]
     rule = (
         f"`force` of at least one row must exceed its noise ({format_quantity(noise, unit)}) by a factor of"
-        f" {MAX_SLACK_SD:g}"
+        f" {_MAX_SLACK_SD:g}"
     )
     remedy = "The muscle is slack in every row: measure at a larger length or pressure."
     raise refuse(rule, f"at most {format_quantity(largest, unit, 3)}", file, remedy)
@@ -105,9 +105,9 @@ def _check_length(
         format_quantity(longest, column_units["length"]),
         format_quantity(rest_length, column_units["length"]),
     )
-    if not LENGTH_RATIO_LIMITS[0] < ratio < LENGTH_RATIO_LIMITS[1]:
+    if not _LENGTH_RATIO_LIMITS[0] < ratio < _LENGTH_RATIO_LIMITS[1]:
         rule = f"the longest `length` must be near the rest length ({at_rest})"
-        if np.nanmin(recording.length) < MAX_DISPLACEMENT_RATIO * longest:
+        if np.nanmin(recording.length) < _MAX_DISPLACEMENT_RATIO * longest:
             remedy = (
                 "If the column is a displacement, convert it to a length: use `pamjax import` with a "
                 "`scale` of -1 and the rest length in [tare]."
@@ -129,27 +129,27 @@ def _check_force(
 ) -> list[str]:
     ideal = recording.pressure * _compute_force_area(recording.length, entry)
     is_tested = np.isfinite(recording.force) & (ideal > 0)
-    near_rest = is_tested & (recording.length > MIN_LENGTH_NEAR_REST * entry.rest_length.value)
+    near_rest = is_tested & (recording.length > _MIN_LENGTH_NEAR_REST * entry.rest_length.value)
     has_rows_near_rest = near_rest.sum() >= 3
     is_tested = near_rest if has_rows_near_rest else is_tested
     if is_tested.sum() < 3:
         return []
     is_tested &= ideal >= 0.5 * np.max(ideal[is_tested])
     low, ratio = np.quantile(recording.force[is_tested] / ideal[is_tested], [0.1, 0.9])
-    if FORCE_RATIO_LIMITS[0] < ratio < FORCE_RATIO_LIMITS[1]:
+    if _FORCE_RATIO_LIMITS[0] < ratio < _FORCE_RATIO_LIMITS[1]:
         return []
     got = f"{ratio:.4g} times the force of the ideal braid"
-    if low < -FORCE_RATIO_LIMITS[0] and ratio < FORCE_RATIO_LIMITS[0]:
+    if low < -_FORCE_RATIO_LIMITS[0] and ratio < _FORCE_RATIO_LIMITS[0]:
         got = f"{low:.4g} times the force of the ideal braid"
         raise refuse("`force` must be positive when the muscle pulls", got, file, "Change its sign.")
     # A factor of the pressure multiplies the ideal force, and divides the ratio.
     pressure_errors = [
         (1.0 / factor, name) for factor, name in _list_unit_errors("pressure", column_units["pressure"])
     ]
-    has_pressure_error = np.nanmax(recording.pressure) > MAX_USUAL_PRESSURE and any(
-        ratio > 0 and abs(math.log(ratio / factor)) < MAX_LOG_RATIO_NAMED for factor, _ in pressure_errors
+    has_pressure_error = np.nanmax(recording.pressure) > _MAX_USUAL_PRESSURE and any(
+        ratio > 0 and abs(math.log(ratio / factor)) < _MAX_LOG_RATIO_NAMED for factor, _ in pressure_errors
     )
-    if ratio < FORCE_RATIO_LIMITS[0] and not has_rows_near_rest and not has_pressure_error:
+    if ratio < _FORCE_RATIO_LIMITS[0] and not has_rows_near_rest and not has_pressure_error:
         return [
             f"`force` in {file} is {got}: the muscle is slack or very stiff, or a unit is wrong."
             " Check the units in the headers."
@@ -167,7 +167,7 @@ def _check_diameter(recording: Recording, entry: MuscleToml, column_units: dict[
     if not is_tested.any():
         return
     ratio = float(np.median(recording.diameter[is_tested] / ideal[is_tested]))
-    if DIAMETER_RATIO_LIMITS[0] < ratio < DIAMETER_RATIO_LIMITS[1]:
+    if _DIAMETER_RATIO_LIMITS[0] < ratio < _DIAMETER_RATIO_LIMITS[1]:
         return
     unit_errors = [
         (0.5, "a radius"),
@@ -185,21 +185,21 @@ def _check_gauge(recording: Recording, entry: MuscleToml, file: str) -> list[str
     """
     area = _compute_force_area(recording.length, entry)
     near_rest = np.isfinite(recording.force * recording.pressure) & (
-        recording.length > MIN_LENGTH_NEAR_REST * entry.rest_length.value
+        recording.length > _MIN_LENGTH_NEAR_REST * entry.rest_length.value
     )
     near_rest &= area > 0
     pressure, force_pressure = recording.pressure[near_rest], recording.force[near_rest] / area[near_rest]
-    if near_rest.sum() < 8 or np.ptp(pressure) < 0.5 * ATMOSPHERIC_PRESSURE:
+    if near_rest.sum() < 8 or np.ptp(pressure) < 0.5 * _ATMOSPHERIC_PRESSURE:
         return []
     slope, offset = np.polyfit(pressure, force_pressure, 1)
     zero_force_pressure = -offset / slope if slope else 0.0
     if (
         not 0.75 < slope < 1.25
-        or abs(zero_force_pressure - ATMOSPHERIC_PRESSURE) > MAX_START_OFFSET
-        or pressure.min() < ATMOSPHERIC_PRESSURE - MAX_START_OFFSET
+        or abs(zero_force_pressure - _ATMOSPHERIC_PRESSURE) > _MAX_START_OFFSET
+        or pressure.min() < _ATMOSPHERIC_PRESSURE - _MAX_START_OFFSET
     ):
         return []
-    is_vented = abs(pressure.min() - ATMOSPHERIC_PRESSURE) < MAX_VENT_OFFSET
+    is_vented = abs(pressure.min() - _ATMOSPHERIC_PRESSURE) < _MAX_VENT_OFFSET
     remedy = "If the sensor measures absolute pressure, subtract the atmospheric pressure of 101 kPa."
     got = f"zero force at {format_quantity(zero_force_pressure, 'kPa', 3)}"
     if not is_vented:
@@ -217,7 +217,7 @@ def _list_unit_errors(name: str, header: str) -> list[tuple[float, str]]:
     """Return the factor and description of each possible unit error of a column."""
     confused_units = [
         unit
-        for unit in CONFUSED_UNITS[name]
+        for unit in _CONFUSED_UNITS[name]
         if not math.isclose(compute_si_factor(unit), compute_si_factor(header))
     ]
     return [
@@ -230,7 +230,7 @@ def _suggest_remedy(ratio: float, unit_errors: list[tuple[float, str]]) -> str:
     """Return a remedy with the most probable unit errors; without them if no factor is near the ratio."""
     check = "the entries of the braid in muscle.toml"
     log_distances = [abs(math.log(ratio / factor)) if ratio > 0 else math.inf for factor, _ in unit_errors]
-    if min(log_distances) > MAX_LOG_RATIO_NAMED:
+    if min(log_distances) > _MAX_LOG_RATIO_NAMED:
         return f"Check the units in the headers and {check}."
     causes = " or ".join(
         name

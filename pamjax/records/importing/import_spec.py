@@ -24,7 +24,7 @@ from pamjax.records.toml_text import parse_toml
 from pamjax.units import parse_quantity, parse_unit
 
 #: Names of pydantic's readers, which occur in the location of an error.
-READER_NAME_PATTERN = re.compile(r"function-.*|str|int|constrained-int|list\[.*|dict\[.*")
+_READER_NAME_PATTERN = re.compile(r"function-.*|str|int|constrained-int|list\[.*|dict\[.*")
 
 
 class _ImportTable(BaseModel):
@@ -124,8 +124,8 @@ class TestTable(_ImportTable):
     """[[tests]]: one test, or several at one setting.
 
     Attributes:
-        file: a path relative to the TOML, a pattern as "run_*.csv" (natural order), or a list of them; or
-            one of these for each channel, if channels are in separate files.
+        file: a path relative to the TOML, a pattern as "run_*.csv" (natural order), or a list of them. If
+            channels are in separate files, one of these for each channel.
         length, pressure: the setting, if there is no such column.
     """
 
@@ -188,7 +188,7 @@ def _check_test(spec: ImportSpec, test: TestTable, k: int) -> None:
 
 
 def read_import_spec(path: str | Path) -> ImportSpec:
-    """Read an import specification.
+    """Return the import specification of a file.
 
     Raises:
         BadInput: if the file is missing or not TOML, or if an entry is unknown or invalid.
@@ -208,7 +208,7 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
     if isinstance(own_error, BadInput):
         return BadInput(f"{file}: {own_error}")
     # The location also has list indices and the names of pydantic's readers.
-    path = [p for p in first["loc"] if isinstance(p, str) and not READER_NAME_PATTERN.fullmatch(p)]
+    path = [p for p in first["loc"] if isinstance(p, str) and not _READER_NAME_PATTERN.fullmatch(p)]
     key = path[-1]
     table = {"tests": "[[tests]]"}.get(path[0], f"[{path[0]}]")
     where = f"{table} of {file}" if len(path) > 1 else file

@@ -26,9 +26,9 @@ from pamjax.records.writing.case_folder import write_case
 from pamjax.units import MAGNITUDE_LIMITS, format_count, format_quantity, parse_quantity
 
 #: Longest time between two tests, s: ten years.
-MAX_GAP = 3.2e8
+_MAX_GAP = 3.2e8
 #: Order in which channels are read; the file of the first one determines the time of a test.
-CHANNEL_ORDER = ("force", "pressure", "length", "diameter", "cycle")
+_CHANNEL_ORDER = ("force", "pressure", "length", "diameter", "cycle")
 
 
 @dataclass(frozen=True, repr=False)
@@ -172,7 +172,7 @@ def _read_test(
     rig_files = {channel: RigFile(path, spec.files) for channel, path in paths.items()}
     columns: dict[str, np.ndarray] = {}
     clock: np.ndarray | None = None
-    for name in (name for name in CHANNEL_ORDER if name in spec.columns):
+    for name in (name for name in _CHANNEL_ORDER if name in spec.columns):
         file = rig_files.get(name) or rig_files[""]
         values, time = _read_channel(spec, name, file), _read_clock(spec, file)
         clock = time if clock is None else clock
@@ -272,7 +272,7 @@ def _thin_columns(columns: dict[str, np.ndarray], block: float) -> dict[str, np.
 def _join_tests(pieces: Sequence[dict[str, np.ndarray]], spec: ImportSpec) -> Recording:
     """Return all tests as one recording, numbered in `cycle` if there is no such column."""
     gap = parse_quantity(spec.gap, "time", "`gap`")
-    if not 0.0 < gap <= MAX_GAP:
+    if not 0.0 < gap <= _MAX_GAP:
         raise refuse("`gap` must be positive and at most 10 years", spec.gap, "", "Write it as `1 s`.")
     has_time = {"time" in piece for piece in pieces} == {True}
     if spec.median:

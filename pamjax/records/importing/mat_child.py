@@ -18,11 +18,11 @@ import numpy as np
 #: Exit code for a file that is refused.
 EXIT_UNUSABLE = 3
 #: Largest array, bytes; HDF5 declares sizes that the file does not contain.
-MAX_ARRAY_BYTES = 10**9
+_MAX_ARRAY_BYTES = 10**9
 #: Largest memory of this process, bytes.
-MAX_MEMORY_BYTES = 6 * 10**9
+_MAX_MEMORY_BYTES = 6 * 10**9
 #: Largest depth of structures in structures.
-MAX_DEPTH = 20
+_MAX_DEPTH = 20
 
 
 def main() -> int:
@@ -52,7 +52,7 @@ def _limit_memory() -> None:
     with suppress(ImportError, ValueError, OSError):
         import resource
 
-        resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
+        resource.setrlimit(resource.RLIMIT_AS, (_MAX_MEMORY_BYTES, _MAX_MEMORY_BYTES))
 
 
 def _load_variables(raw: bytes) -> Mapping[str, Any]:
@@ -69,8 +69,8 @@ def _unfold_group(group: Any, parents: tuple[int, ...]) -> dict[str, Any]:
     """Return the arrays of an HDF5 group; links to other files and to a parent are refused."""
     import h5py
 
-    if len(parents) > MAX_DEPTH:
-        raise ValueError(f"structures are nested deeper than {MAX_DEPTH}")
+    if len(parents) > _MAX_DEPTH:
+        raise ValueError(f"structures are nested deeper than {_MAX_DEPTH}")
     variables: dict[str, Any] = {}
     for name in group:
         if name.startswith("#"):
@@ -90,7 +90,7 @@ def _unfold_group(group: Any, parents: tuple[int, ...]) -> dict[str, Any]:
 def _read_array(part: Any, name: str) -> np.ndarray:
     if part.external or part.is_virtual:
         raise ValueError(f"`{name}` is in another file")
-    if part.size * part.dtype.itemsize > MAX_ARRAY_BYTES:
+    if part.size * part.dtype.itemsize > _MAX_ARRAY_BYTES:
         raise ValueError(f"`{name}` has more than 1 GB")
     return np.asarray(part)
 

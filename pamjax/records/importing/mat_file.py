@@ -14,9 +14,9 @@ from pamjax.errors import refuse, suggest_word
 from pamjax.records.importing.mat_child import EXIT_UNUSABLE
 
 #: Longest time for one file, s.
-READER_TIMEOUT = 120.0
+_READER_TIMEOUT = 120.0
 
-READER_REMEDY = "Save it again in MATLAB."
+_READER_REMEDY = "Save it again in MATLAB."
 
 
 def read_mat(path: Path, matrix: str) -> dict[str, np.ndarray]:
@@ -31,7 +31,7 @@ def read_mat(path: Path, matrix: str) -> dict[str, np.ndarray]:
     """
     arrays = _read_arrays(path)
     if not arrays:
-        raise refuse(f"{path.name} must contain arrays of numbers", "none", remedy=READER_REMEDY)
+        raise refuse(f"{path.name} must contain arrays of numbers", "none", remedy=_READER_REMEDY)
     if not matrix:
         is_vector = {name: values.size == max(values.shape, default=1) for name, values in arrays.items()}
         return {name: values.ravel() for name, values in arrays.items() if is_vector[name]}
@@ -50,14 +50,14 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     rule = f"{path.name} must be a MAT file"
     try:
         process = subprocess.run(
-            words, capture_output=True, env=environment, timeout=READER_TIMEOUT, check=False
+            words, capture_output=True, env=environment, timeout=_READER_TIMEOUT, check=False
         )
     except subprocess.TimeoutExpired as error:
-        got = f"a file that takes more than {READER_TIMEOUT:g} s"
-        raise refuse(rule, got, remedy=READER_REMEDY) from error
+        got = f"a file that takes more than {_READER_TIMEOUT:g} s"
+        raise refuse(rule, got, remedy=_READER_REMEDY) from error
     if process.returncode == EXIT_UNUSABLE:
-        raise refuse(rule, process.stderr.decode("utf-8", "replace"), remedy=READER_REMEDY)
+        raise refuse(rule, process.stderr.decode("utf-8", "replace"), remedy=_READER_REMEDY)
     if process.returncode:
-        raise refuse(rule, "a corrupt file, which stopped the reader", remedy=READER_REMEDY)
+        raise refuse(rule, "a corrupt file, which stopped the reader", remedy=_READER_REMEDY)
     content = np.load(io.BytesIO(process.stdout), allow_pickle=False)
     return {str(name): content[f"arr_{k}"] for k, name in enumerate(content["names"])}

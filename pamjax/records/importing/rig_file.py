@@ -15,7 +15,7 @@ from pamjax.errors import format_printable, refuse, suggest_word
 from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.import_spec import FilesTable
 from pamjax.records.importing.mat_file import read_mat
-from pamjax.records.quotes import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
+from pamjax.records.quotation_marks import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
 from pamjax.records.reading.header import split_title
 
 #: A number such as 1.130,0 or 1 130: the mark of thousands, and the decimal mark if there is one.
@@ -23,7 +23,7 @@ _THOUSANDS_PATTERN = re.compile(r"[+-]?\d{1,3}(?:([.,' ])\d{3})(?:\1\d{3})*(?:(?
 
 _CELL_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan", re.IGNORECASE)
 
-SEPARATORS = {",": ",", ";": ";", "tab": "\t", "space": r"\s+"}
+_SEPARATORS = {",": ",", ";": ";", "tab": "\t", "space": r"\s+"}
 
 
 class RigFile:
@@ -110,7 +110,7 @@ def _read_csv(text: str, file_format: FilesTable, file: str) -> dict[str, Any]:
         raise refuse(rule, f"{file_format.skip}", "[files]", "Count the lines above the header.")
     # The lines above the table may contain any characters.
     lines = ["\n" if k < file_format.skip else line for k, line in enumerate(lines)]
-    mark = " " if file_format.separator == "space" else SEPARATORS[file_format.separator]
+    mark = " " if file_format.separator == "space" else _SEPARATORS[file_format.separator]
     header = "".join(lines[file_format.skip : file_format.skip + file_format.header])
     check_line_lengths(lines, file)
     check_quotes(lines, file, mark, header, skip_spaces=True)
@@ -121,7 +121,7 @@ def _read_csv(text: str, file_format: FilesTable, file: str) -> dict[str, Any]:
             table = pd.read_csv(
                 io.StringIO("".join(lines)),
                 index_col=False,
-                sep=SEPARATORS[file_format.separator],
+                sep=_SEPARATORS[file_format.separator],
                 decimal=file_format.decimal,
                 thousands=file_format.thousands or None,
                 header=0 if file_format.header else None,

@@ -14,14 +14,14 @@ from pamjax.units import parse_unit, suggest_units
 COLUMN_KINDS = {c.name: c.kind for c in CHANNEL_BY_NAME.values()}
 
 #: Default header of each column, for error messages.
-USUAL_HEADERS = {c.name: c.header for c in CHANNEL_BY_NAME.values()}
+_USUAL_HEADERS = {c.name: c.header for c in CHANNEL_BY_NAME.values()}
 
 #: Names of units that state gauge pressure; the pressure of a recording is always gauge pressure.
-GAUGE_UNITS = {"psig": "psi", "barg": "bar", "kPag": "kPa", "MPag": "MPa"}
-ABSOLUTE_UNITS = {"psia": "psi", "bara": "bar", "kPaa": "kPa", "kPa(a)": "kPa"}
+_GAUGE_UNITS = {"psig": "psi", "barg": "bar", "kPag": "kPa", "MPag": "MPa"}
+_ABSOLUTE_UNITS = {"psia": "psi", "bara": "bar", "kPaa": "kPa", "kPa(a)": "kPa"}
 
 #: Units that mean a dimensionless count.
-NO_UNIT_MARKS = ("", "1", "-", "#")
+_NO_UNIT_MARKS = ("", "1", "-", "#")
 
 #: Opening and closing mark of a unit.
 _UNIT_BRACKETS = ("[]", "()")
@@ -130,7 +130,7 @@ def _build_column(name: str, title: str, index: int, file: str) -> Column:
     _, unit = split_title(title)
     kind = COLUMN_KINDS[name]
     if kind == "count":
-        if unit not in (None, *NO_UNIT_MARKS):
+        if unit not in (None, *_NO_UNIT_MARKS):
             raise refuse(
                 f"`{name}` must be a whole number without a unit", f"{unit!r}", where, "Remove the unit."
             )
@@ -138,10 +138,10 @@ def _build_column(name: str, title: str, index: int, file: str) -> Column:
     if not unit:
         remedy = f"Write it as `{split_title(title)[0]} [unit]`, with a unit such as {suggest_units(kind)}."
         raise refuse(f"the header of `{name}` must state its unit", f"`{title}`", file, remedy)
-    if unit in ABSOLUTE_UNITS and name == "pressure":
+    if unit in _ABSOLUTE_UNITS and name == "pressure":
         remedy = "Subtract the atmospheric pressure, and write the unit without the `a`."
         raise refuse("`pressure` must be gauge pressure", f"{unit!r}", where, remedy)
-    unit = GAUGE_UNITS.get(unit, unit)
+    unit = _GAUGE_UNITS.get(unit, unit)
     return Column(name, title, index, unit, parse_unit(unit, kind, where))
 
 
@@ -168,7 +168,7 @@ def _build_missing_error(name: str, titles: Sequence[str], file: str, hint: str 
     remedy = remedy or f"Rename its header, or map it as `{name}` in [columns] of muscle.toml."
     quoted_titles = ", ".join(f"`{title}`" for title in titles if title)
     return refuse(
-        f"a recording must have a column `{USUAL_HEADERS[name]}`", quoted_titles, file, remedy + hint
+        f"a recording must have a column `{_USUAL_HEADERS[name]}`", quoted_titles, file, remedy + hint
     )
 
 
@@ -185,6 +185,6 @@ def _guess_header(name: str, titles: Sequence[str]) -> str | None:
 def _has_unit_of_kind(title: str, kind: str) -> bool:
     unit = split_title(title)[1]
     try:
-        return bool(unit) and parse_unit(GAUGE_UNITS.get(unit, unit), kind) > 0
+        return bool(unit) and parse_unit(_GAUGE_UNITS.get(unit, unit), kind) > 0
     except BadInput:
         return False

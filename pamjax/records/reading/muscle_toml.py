@@ -90,7 +90,7 @@ class MuscleToml:
 
     @property
     def braid(self) -> tuple[float, float]:
-        """Thread length (m) and turns, from either form of the braid.
+        """Return thread length (m) and turns, from either form of the braid.
 
         From the triangle of one unrolled thread: sin θ = L / B, cos θ = π D N / B.
         """

@@ -11,7 +11,7 @@ from pamjax.errors import refuse, suggest_word
 from pamjax.units import parse_quantity, suggest_units
 
 #: Largest count, such as the number of threads.
-MAX_COUNT = 1_000_000
+_MAX_COUNT = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def read_quantity(raw: Any, kind: str, location: EntryLocation) -> MeasuredValue
     """
     where = str(location)
     if isinstance(raw, Mapping):
-        check_keys(raw, ("value", "sd"), where)
+        _check_keys(raw, ("value", "sd"), where)
         if "value" not in raw:
             raise refuse(
                 "a quantity must have a `value`", _format_keys(raw), where, "Write {value = ..., sd = ...}."
@@ -96,7 +96,7 @@ def read_sensor_noise(raw: Any, kind: str, location: EntryLocation, allow_per_se
     """Return a sensor's noise from a text, or from a table of `sd` and, if allowed, `per`."""
     per, where = "sample", str(location)
     if isinstance(raw, Mapping):
-        check_keys(raw, ("sd", "per") if allow_per_setting else ("sd",), where)
+        _check_keys(raw, ("sd", "per") if allow_per_setting else ("sd",), where)
         per = raw.get("per", per)
         if per not in ("sample", "setting"):
             raise refuse(
@@ -129,13 +129,13 @@ def read_count(raw: Any, location: EntryLocation) -> int:
     ):
         rule = f"`{location.name}` must be a positive whole number"
         raise refuse(rule, f"{raw!r}", location.file, "Write it without quotes and without a unit.")
-    if raw > MAX_COUNT:
-        rule = f"`{location.name}` must be at most {MAX_COUNT}"
+    if raw > _MAX_COUNT:
+        rule = f"`{location.name}` must be at most {_MAX_COUNT}"
         raise refuse(rule, f"{raw!r}", location.file, "Check its digits.")
     return int(raw)
 
 
-def check_keys(raw: Mapping[str, Any], valid_keys: tuple[str, ...], where: str) -> None:
+def _check_keys(raw: Mapping[str, Any], valid_keys: tuple[str, ...], where: str) -> None:
     """Refuse the first unknown key."""
     for key in raw:
         if key not in valid_keys:

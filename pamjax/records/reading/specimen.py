@@ -9,7 +9,7 @@ from typing import Any
 from pamjax.errors import BadInput
 
 #: Largest number of characters of a name of a bench, a serial number or a type.
-MAX_LABEL_LENGTH = 80
+_MAX_LABEL_LENGTH = 80
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ def read_label(raw: Any) -> str | None:
     if isinstance(raw, bool) or not isinstance(raw, str | int) or not str(raw).strip():
         raise BadInput("must be a text in quotes or a whole number")
     text = " ".join(str(raw).split())
-    if len(text) > MAX_LABEL_LENGTH or not text.isprintable():
-        raise BadInput(f"must be one line of at most {MAX_LABEL_LENGTH} characters")
+    if len(text) > _MAX_LABEL_LENGTH or not text.isprintable():
+        raise BadInput(f"must be one line of at most {_MAX_LABEL_LENGTH} characters")
     return text
 
 

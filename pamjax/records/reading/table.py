@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import csv
 import re
-import warnings
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
-from pamjax.errors import BadInput, InputWarning, format_printable, refuse
-from pamjax.records.files import decode_text, read_bytes
-from pamjax.records.quotes import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
+from pamjax.errors import BadInput, format_printable, refuse
+from pamjax.records.files import decode_text
+from pamjax.records.quotation_marks import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
 from pamjax.records.reading.header import Column, find_columns
 from pamjax.records.reading.outliers import remove_outliers
 from pamjax.records.recording import MAX_CYCLE, Recording
@@ -25,35 +23,12 @@ _DECIMAL_COMMA_PATTERN = re.compile(r"[+-]?\d+,\d+")
 _BLANK_MARKS = {"nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "?"}
 
 #: Relative difference up to which a set force equals the stated load.
-LOAD_TOLERANCE = 1e-3
+_LOAD_TOLERANCE = 1e-3
 
 #: Maximum zero error of a pressure sensor: Pa, and share of the highest pressure. In seven hose recordings
 #: the sensor reads 8 to 10 kPa at atmospheric pressure; laboratory sensors state 0.25 to 1 % of full scale.
-MAX_ZERO_ERROR = 5e3
-MAX_ZERO_ERROR_SHARE = 0.01
-
-
-def read_table(
-    path: str | Path, columns: Mapping[str, str] | None = None, default_length: float | None = None
-) -> Recording:
-    """Read a recording from a CSV file whose headers are `name [unit]`.
-
-    Args:
-        path: the CSV file; lines that begin with `#` are comments.
-        columns: header of the file for each channel, as {"force": "Load (lbf)"}.
-        default_length: m, the length of every row if the file has no such column.
-
-    Raises:
-        BadInput: with row and column, if the file cannot be used.
-
-    Warns:
-        InputWarning: for unknown columns and outlying cells, which are ignored.
-    """
-    path = Path(path)
-    recording, notes, _ = parse_table(read_bytes(path), path.name, columns or {}, default_length)
-    for note in notes:
-        warnings.warn(note, InputWarning, stacklevel=2)
-    return recording
+_MAX_ZERO_ERROR = 5e3
+_MAX_ZERO_ERROR_SHARE = 0.01
 
 
 def parse_table(
@@ -266,7 +241,7 @@ def _check_positive(values: np.ndarray, column: Column, locate: _RowLocator) -> 
 
 def _check_load(force: np.ndarray, load: float, column: Column, locate: _RowLocator) -> None:
     """Refuse a set force that differs from the load of muscle.toml."""
-    is_different = np.isfinite(force) & (np.abs(force - load) > LOAD_TOLERANCE * max(abs(load), 1.0))
+    is_different = np.isfinite(force) & (np.abs(force - load) > _LOAD_TOLERANCE * max(abs(load), 1.0))
     if is_different.any():
         i = int(np.argmax(is_different))
         rule = f"`force` must equal `load` in [test] of muscle.toml ({format_quantity(load, column.unit)})"
@@ -275,7 +250,7 @@ def _check_load(force: np.ndarray, load: float, column: Column, locate: _RowLoca
 
 
 def _check_gauge_pressure(pressure: np.ndarray, column: Column, locate: _RowLocator) -> None:
-    max_zero_error = max(MAX_ZERO_ERROR, MAX_ZERO_ERROR_SHARE * np.nanmax(pressure, initial=0.0))
+    max_zero_error = max(_MAX_ZERO_ERROR, _MAX_ZERO_ERROR_SHARE * np.nanmax(pressure, initial=0.0))
     is_invalid = pressure < -max_zero_error
     if is_invalid.any():
         i = int(np.argmax(is_invalid))

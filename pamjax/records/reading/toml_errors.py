@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 #: Rule for each type of pydantic's errors; fields in braces are in the error's context.
-RULE_BY_ERROR_TYPE = {
+_RULE_BY_ERROR_TYPE = {
     "missing": "must be stated",
     "literal_error": "must be {expected}",
     "greater_than": "must be more than {gt}",
@@ -39,7 +39,7 @@ def format_rule(error: Mapping[str, Any], name: str) -> str:
     '`cycles` must be a whole number'
     """
     kind = error["type"]
-    text = RULE_BY_ERROR_TYPE.get(kind) or RULE_BY_ERROR_TYPE.get(kind.partition("_")[0])
+    text = _RULE_BY_ERROR_TYPE.get(kind) or _RULE_BY_ERROR_TYPE.get(kind.partition("_")[0])
     if text is None:
         return f"`{name}`: {error['msg'][:1].lower()}{error['msg'][1:]}"
     return f"`{name}` {text.format(**_format_bounds(error.get('ctx', {})))}"

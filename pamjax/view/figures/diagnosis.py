@@ -23,6 +23,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.selection import NamedMechanism
+from pamjax.text import join_words
 from pamjax.units import compute_si_factor
 from pamjax.view.figures.diagnosis_loops import compute_rms
 from pamjax.view.figures.layout import create_mark
@@ -35,7 +36,7 @@ from pamjax.view.theme import (
     create_figure,
     separate_panels,
 )
-from pamjax.view.wording import format_signed, join_words
+from pamjax.view.wording import format_signed
 
 #: Largest number of rival mechanisms and of baseline parameters in a figure.
 MAX_RIVALS, MAX_SHIFTS = 7, 12
@@ -46,12 +47,12 @@ BASELINE_MARK_COLOUR, NAMED_COLOUR = OKABE_ITO["vermilion"], OKABE_ITO["blue"]
 
 def plot_held_out_scores(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
     """Return the error of each held-out block before and after, or None if no block was held out."""
-    channels = list(diagnosis.gain.rmse_before)
+    channels = list(diagnosis.held_out_errors.rmse_before)
     if not channels:
         return None
     block_names = [
         diagnosis.blocks.names[k]
-        for k in np.unique(diagnosis.blocks.label[diagnosis.gain.held_out])
+        for k in np.unique(diagnosis.blocks.label[diagnosis.held_out_errors.held_out])
         if k >= 0
     ]
     with apply_theme():
@@ -81,9 +82,12 @@ def plot_held_out_scores(diagnosis: Diagnosis, narrow: bool = False) -> Figure |
 def _plot_scores(panel: Panel, diagnosis: Diagnosis, channel: str, block_names: list[str]) -> None:
     channel_index = diagnosis.problem.channels.index(channel)
     rmse = {}
-    for kind, prediction in (("before", diagnosis.gain.before), ("after", diagnosis.gain.after)):
+    for kind, prediction in (
+        ("before", diagnosis.held_out_errors.before),
+        ("after", diagnosis.held_out_errors.after),
+    ):
         misfit = np.where(
-            diagnosis.gain.held_out,
+            diagnosis.held_out_errors.held_out,
             diagnosis.problem.measured[channel_index] - prediction[channel_index],
             np.nan,
         )
@@ -106,7 +110,7 @@ def _plot_scores(panel: Panel, diagnosis: Diagnosis, channel: str, block_names: 
         panel.set_xlim(0, 1.08 * max(noise, *rmse["before"], *rmse["after"]))
     before_text, after_text = (
         format_channel_value(score[channel], channel)
-        for score in (diagnosis.gain.rmse_before, diagnosis.gain.rmse_after)
+        for score in (diagnosis.held_out_errors.rmse_before, diagnosis.held_out_errors.rmse_after)
     )
     change = f"{before_text} → {after_text}" if diagnosis.named_mechanisms else before_text
     title = (

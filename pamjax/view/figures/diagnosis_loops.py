@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
 from pamjax.diagnosis.form_errors.prediction import FormPrediction
 from pamjax.diagnosis.result import Diagnosis
+from pamjax.text import join_words
 from pamjax.view.figures.layout import Layout, add_key, build_layout, create_mark, draw_band, iterate_lines
 from pamjax.view.figures.mismatch_map import find_main_channel
 from pamjax.view.theme import (
@@ -22,7 +23,6 @@ from pamjax.view.theme import (
     apply_theme,
     create_figure,
 )
-from pamjax.view.wording import join_words
 
 #: Largest number of settings with a loop, and of measured points in each loop.
 MAX_LOOPS, MAX_LOOP_POINTS = 4, 120
@@ -37,12 +37,14 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
     """
     row_layout, channel_index = select_settings(diagnosis), find_main_channel(diagnosis)
     channel = diagnosis.problem.channels[channel_index]
-    predictions = [("baseline", diagnosis.gain.before)]
+    predictions = [("baseline", diagnosis.held_out_errors.before)]
     form = diagnosis.form_prediction
     if diagnosis.named_mechanisms:
         label = f"with {', '.join(name.id for name in diagnosis.named_mechanisms)}"
         predictions.append(
-            (label, diagnosis.gain.after) if form is None else (f"{label} and form error", form.values)
+            (label, diagnosis.held_out_errors.after)
+            if form is None
+            else (f"{label} and form error", form.values)
         )
     is_stacked = narrow and len(predictions) > 1
     with apply_theme():
@@ -96,7 +98,9 @@ def select_settings(diagnosis: Diagnosis) -> Layout:
     if setting_count <= MAX_LOOPS:
         return full_layout
     chosen_settings = np.unique(np.linspace(0, setting_count - 1, MAX_LOOPS).round().astype(int))
-    held_out_groups = np.unique(full_layout.group[diagnosis.gain.held_out & (full_layout.group >= 0)])
+    held_out_groups = np.unique(
+        full_layout.group[diagnosis.held_out_errors.held_out & (full_layout.group >= 0)]
+    )
     if held_out_groups.size and not np.isin(held_out_groups, chosen_settings).any():
         inner = chosen_settings[1:-1]
         chosen_settings[1 + np.argmin(np.abs(inner - held_out_groups[0]))] = held_out_groups[0]
@@ -158,17 +162,18 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
     row_layout, channel_index = select_settings(diagnosis), find_main_channel(diagnosis)
     channel = diagnosis.problem.channels[channel_index]
     residual = to_display(
-        channel, diagnosis.problem.measured[channel_index] - diagnosis.gain.before[channel_index]
+        channel, diagnosis.problem.measured[channel_index] - diagnosis.held_out_errors.before[channel_index]
     )
     correction = to_display(
-        channel, diagnosis.gain.after[channel_index] - diagnosis.gain.before[channel_index]
+        channel,
+        diagnosis.held_out_errors.after[channel_index] - diagnosis.held_out_errors.before[channel_index],
     )
     contributions = [("contribution", correction, np.zeros_like(correction), OKABE_ITO["blue"])]
     if diagnosis.form_prediction is not None:
         form = diagnosis.form_prediction
         with_form, sd = (
             to_display(channel, values[channel_index])
-            for values in (form.values - diagnosis.gain.before, form.sd)
+            for values in (form.values - diagnosis.held_out_errors.before, form.sd)
         )
         contributions.append(("form-error", with_form, sd, OKABE_ITO["orange"]))
     setting_count = len(row_layout.names)

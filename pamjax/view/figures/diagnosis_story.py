@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.model.registry import find_mechanism
+from pamjax.text import join_words
 from pamjax.units import compute_si_factor
 from pamjax.view.figures.diagnosis_loops import compute_rms
 from pamjax.view.figures.layout import Layout, add_key, build_layout, create_mark, thin_points
@@ -24,7 +25,6 @@ from pamjax.view.theme import (
     apply_theme,
     create_figure,
 )
-from pamjax.view.wording import join_words
 
 #: Largest number of other mechanisms in the second step.
 MAX_STORY_RIVALS = 4
@@ -43,7 +43,10 @@ def plot_story(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
     channel = diagnosis.problem.channels[channel_index]
     row_layout = build_layout(diagnosis.problem.case)
     measured = diagnosis.problem.measured[channel_index]
-    before, after = (measured - p[channel_index] for p in (diagnosis.gain.before, diagnosis.gain.after))
+    before, after = (
+        measured - p[channel_index]
+        for p in (diagnosis.held_out_errors.before, diagnosis.held_out_errors.after)
+    )
     noise = diagnosis.as_dict()["noise"][channel]["sd"]
     with apply_theme():
         drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 7.2 if narrow else 2.9)

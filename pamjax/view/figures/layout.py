@@ -163,7 +163,7 @@ def iterate_lines(case: Case, layout: Layout, group: int, measured_rows: np.ndar
         yield rows[np.argsort(layout.x[rows], kind="stable")]
         return
     step = max(1, rows.size // MAX_LINE_POINTS)
-    run = np.cumsum(recording.starts)[rows]
+    run = np.cumsum(recording.is_run_start)[rows]
     for run_number in np.unique(run):
         yield rows[run == run_number][::step]
 

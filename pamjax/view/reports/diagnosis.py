@@ -13,13 +13,14 @@ import numpy as np
 
 from pamjax.baselines.comparison import BASELINE_MODEL, MODEL_TITLES, ModelComparison
 from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
-from pamjax.diagnosis.crossval.gain import compute_rmse
+from pamjax.diagnosis.crossval.held_out_errors import compute_rmse
 from pamjax.diagnosis.result import Diagnosis, get_baseline_estimates
 from pamjax.diagnosis.settings import describe_settings
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.form_errors.parts import MIN_SHOWN_EFFECT
 from pamjax.model.registry import find_mechanism
 from pamjax.parameter import Meaning
+from pamjax.text import join_words
 from pamjax.units import compute_si_factor, format_quantity
 from pamjax.view.figures import diagnosis as figures
 from pamjax.view.figures.diagnosis_loops import (
@@ -37,7 +38,7 @@ from pamjax.view.reports.diagnosis_answer import (
     list_held_out_bars,
 )
 from pamjax.view.reports.page import Picture, build_picture, write_page
-from pamjax.view.wording import format_history, format_noise, format_signed, join_words
+from pamjax.view.wording import format_history, format_noise, format_signed
 
 
 def write_diagnosis_report(
@@ -176,7 +177,7 @@ def _format_quantity(value: float, sd: float | None, meaning: Meaning) -> str:
 
 def _list_scores(diagnosis: Diagnosis, document: dict[str, Any]) -> Iterator[list[str]]:
     problem, form = diagnosis.problem, diagnosis.form_prediction
-    form_rmse = {} if form is None else compute_rmse(problem, form.values, diagnosis.gain.held_out)
+    form_rmse = {} if form is None else compute_rmse(problem, form.values, diagnosis.held_out_errors.held_out)
     for channel, score in document["improvement"]["held_out"].items():
         if channel != "blocks":
             kinds = ["rmse_before", "rmse_after"] if document["missing_physics"] else ["rmse_before"]
@@ -261,7 +262,7 @@ def _list_assumptions(diagnosis: Diagnosis) -> Iterator[str]:
     )
     yield (
         "The mechanisms were selected without the held-out blocks. The parameters are fitted to all rows."
-        if diagnosis.gain.held_out.any()
+        if diagnosis.held_out_errors.held_out.any()
         else "No block was held out. All rows were used to select the mechanisms and to fit the parameters."
     )
     empty_rows = int(problem.n - np.isfinite(problem.measured).any(axis=0).sum())

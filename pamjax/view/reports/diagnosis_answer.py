@@ -8,14 +8,15 @@ from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.result import Diagnosis, format_named_estimate
 from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.model.registry import find_mechanism
-from pamjax.view.wording import join_words, keep_units_with_numbers
+from pamjax.text import join_words
+from pamjax.view.wording import keep_units_with_numbers
 
 #: A p-value below this limit is shown as an upper bound.
 MIN_SHOWN_P_VALUE = 1e-12
 #: Probabilities above this limit are shown as "above 0.99".
 MAX_SHOWN_PROBABILITY = 0.995
 #: Question beside the bars of the held-out errors.
-GAIN_QUESTION = "How much better"
+IMPROVEMENT_QUESTION = "How much better"
 #: Largest number of regions and of estimates on the first screen; the evidence has all of them.
 MAX_SHOWN_REGIONS, MAX_SHOWN_ESTIMATES = 2, 3
 
@@ -65,7 +66,10 @@ def list_answers(diagnosis: Diagnosis) -> list[Answer]:
         Answer("Missing", _describe_missing(diagnosis)),
         Answer("How sure", _describe_certainty(diagnosis)),
         Answer("Where", _describe_location(diagnosis)),
-        Answer(GAIN_QUESTION if diagnosis.named_mechanisms else "Held-out error", _describe_gain(diagnosis)),
+        Answer(
+            IMPROVEMENT_QUESTION if diagnosis.named_mechanisms else "Held-out error",
+            _describe_held_out_errors(diagnosis),
+        ),
         Answer("Next", _describe_next_step(diagnosis)),
     ]
     return [
@@ -125,27 +129,27 @@ def _describe_location(diagnosis: Diagnosis) -> tuple[str, ...]:
     )
 
 
-def _describe_gain(diagnosis: Diagnosis) -> tuple[str, ...]:
+def _describe_held_out_errors(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return the held-out error of each channel without and with the mechanisms, beside the noise."""
-    gain, noise = diagnosis.gain, diagnosis.as_dict()["noise"]
-    if not gain.rmse_before:
+    errors, noise = diagnosis.held_out_errors, diagnosis.as_dict()["noise"]
+    if not errors.rmse_before:
         independent = "no independent rows confirm this result"
         return (f"No block was held out, because the recording has too few blocks: {independent}.",)
     parts = []
-    for channel, before in gain.rmse_before.items():
+    for channel, before in errors.rmse_before.items():
         unit = DISPLAY_UNIT[channel]
         change = f"{to_display(channel, before):.3g}"
         if diagnosis.named_mechanisms:
-            change += f" → {to_display(channel, gain.rmse_after[channel]):.3g}"
+            change += f" → {to_display(channel, errors.rmse_after[channel]):.3g}"
         parts.append(f"{channel} {change} {unit} (noise {noise[channel]['sd']:.3g} {unit})")
-    return (f"RMS error of held-out blocks ({gain.blocks.split(':')[0]}): {'; '.join(parts)}.",)
+    return (f"RMS error of held-out blocks ({errors.blocks.split(':')[0]}): {'; '.join(parts)}.",)
 
 
 def list_held_out_bars(diagnosis: Diagnosis) -> list[HeldOutBar]:
     """Return the bars of the channels whose held-out error changes by a tenth or more."""
-    gain, noise, bars = diagnosis.gain, diagnosis.as_dict()["noise"], []
-    for channel, before in gain.rmse_before.items() if diagnosis.named_mechanisms else ():
-        after = gain.rmse_after[channel]
+    errors, noise, bars = diagnosis.held_out_errors, diagnosis.as_dict()["noise"], []
+    for channel, before in errors.rmse_before.items() if diagnosis.named_mechanisms else ():
+        after = errors.rmse_after[channel]
         if 0.9 < after / before < 1.1:
             continue
         values = {
@@ -173,7 +177,7 @@ def _describe_next_step(diagnosis: Diagnosis) -> tuple[str, ...]:
         return ("Check the rig and the muscle in the regions of the unexplained part, then record again.",)
     if diagnosis.is_faint:
         return ("Use the baseline, or record more cycles: a longer recording can identify a smaller effect.",)
-    if diagnosis.named_mechanisms and not diagnosis.gain.rmse_before:
+    if diagnosis.named_mechanisms and not diagnosis.held_out_errors.rmse_before:
         return ("Record at least three pressures, so that a block can be held out.",)
     return (validate,)
 

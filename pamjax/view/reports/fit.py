@@ -28,6 +28,7 @@ from pamjax.infer.fitting.report import (
 )
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
 from pamjax.infer.problem.priors import is_length_error
+from pamjax.text import join_words
 from pamjax.units import format_quantity
 from pamjax.view.figures import fit as figures
 from pamjax.view.figures.layout import build_layout
@@ -37,7 +38,6 @@ from pamjax.view.wording import (
     format_history,
     format_noise,
     is_stated_noise,
-    join_words,
 )
 
 #: Largest number of parameters in the summary.
@@ -103,7 +103,8 @@ def _find_worst_channel(fit: Fit) -> tuple[CaseFit, str]:
     """Return the case and channel with the largest ratio of misfit to noise."""
     pairs = [(case_fit, channel) for case_fit in fit.cases for channel in case_fit.rmse]
     return max(
-        pairs, key=lambda pair: pair[0].noise[pair[1]].excess if pair[0].noise[pair[1]].is_known else 0.0
+        pairs,
+        key=lambda pair: pair[0].noise[pair[1]].rms_over_noise if pair[0].noise[pair[1]].is_known else 0.0,
     )
 
 
@@ -120,7 +121,7 @@ def format_headline(fit: Fit) -> str:
     if not fit.converged:
         return "The fit did not converge"
     if _has_misfit(fit) and noise.neighbour_sd is None:
-        return f"The misfit of {channel} is {noise.excess:.2g} times its noise"
+        return f"The misfit of {channel} is {noise.rms_over_noise:.2g} times its noise"
     if _has_misfit(fit):
         return capitalise_sentence(format_misfit(channel, case_fit.rmse[channel], noise).partition(": ")[0])
     if noise.is_known:

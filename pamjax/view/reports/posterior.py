@@ -16,11 +16,12 @@ from pamjax.infer.posterior.report import (
 )
 from pamjax.infer.posterior.result import Posterior
 from pamjax.infer.problem.priors import is_length_error
+from pamjax.text import join_words
 from pamjax.view.figures import posterior as figures
 from pamjax.view.figures.posterior_checks import plot_band, plot_profiles, plot_traces
 from pamjax.view.reports.fit import MAX_NAMED, draw_picture, format_model
 from pamjax.view.reports.page import write_page
-from pamjax.view.wording import capitalise_sentence, join_words
+from pamjax.view.wording import capitalise_sentence
 
 
 def write_posterior_report(post: Posterior, path: str | Path, command: str = "pamjax sample") -> Path:

@@ -47,7 +47,10 @@ def test_report_is_optional(wanted, bench, tmp_path, monkeypatch, capsys):
     # An artificial diagnosis has no model to refit: its earlier prediction replaces the held-out fit.
     monkeypatch.setattr(
         "pamjax.baselines.comparison._predict_without_rows",
-        lambda diagnosis_result, out: (diagnosis_result.gain.before, diagnosis_result.gain.after),
+        lambda diagnosis_result, out: (
+            diagnosis_result.held_out_errors.before,
+            diagnosis_result.held_out_errors.after,
+        ),
     )
     option = [] if wanted else ["--no-report"]
     assert main(["diagnose", str(bench / "made"), "--out", str(tmp_path), *option]) == 0

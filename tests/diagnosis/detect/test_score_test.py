@@ -82,7 +82,7 @@ def test_derivatives_without_memory_agree_with_two_passes():
     problem = build_library_problem(simulate_bank(NOISE_ALONE).case)
     heavy = problem.index("end_taper.share"), problem.index("end_taper.radius")
     places = [k for k in range(len(problem.names)) if k not in heavy]
-    in_one_call = problem.jacobian(problem.neutral, places)
+    in_one_call = problem.predict_with_jacobian(problem.neutral, places)
     in_parts = [
         problem._run_sweep(problem.reduced_dataset, problem.neutral, places[k : k + 16], True)
         for k in range(0, 80, 16)
@@ -94,7 +94,9 @@ def test_derivatives_without_memory_agree_with_two_passes():
     lasting = [
         k for k in places if problem.names[k] in ("braid_friction.constant", "viscoelastic_creep.modulus")
     ]
-    assert np.all(np.max(np.abs(problem.jacobian(problem.neutral, lasting)[1][:, 0]), axis=1) > 0)
+    assert np.all(
+        np.max(np.abs(problem.predict_with_jacobian(problem.neutral, lasting)[1][:, 0]), axis=1) > 0
+    )
     once = problem._run_sweep(problem.reduced_dataset, problem.neutral, lasting, False)[1]
     assert not np.any(once)
 

@@ -11,10 +11,10 @@ from pamjax.diagnosis.next_experiment.experiment import (
     Experiment,
     choose_experiment,
     evaluate_protocols,
-    fit_best_candidate,
+    fit_best_rival,
     fit_rival,
 )
-from pamjax.diagnosis.next_experiment.power import LinearisedModel, compute_power
+from pamjax.diagnosis.next_experiment.power import LinearisedModel, compute_power_and_limit
 from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed
 from pamjax.diagnosis.refit.candidate_fit import fit_candidate, switch_on_candidate
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
@@ -84,18 +84,18 @@ def test_predicted_power_agrees_with_simulated_experiments(size):
     delta = size * rng.standard_normal(60) + 0.7 * (new_b.sum(axis=1) - new_a.sum(axis=1))
     a, b = side(first_a, new_a, prior_a), side(first_b, new_b, prior_b)
     shown = simulated(new_a, new_b, delta, a.information, b.information, rng, draws=1500)
-    assert abs(compute_power(delta, a, b) - shown) < 0.05
+    assert abs(compute_power_and_limit(delta, a, b)[0] - shown) < 0.05
     # Negative control: with fixed parameters the predicted power is different.
     sure = LinearisedModel(a.jacobian, 1e9 * a.information), LinearisedModel(b.jacobian, 1e9 * b.information)
-    assert size > 0.1 or abs(compute_power(delta, *sure) - shown) > 0.05
+    assert size > 0.1 or abs(compute_power_and_limit(delta, *sure)[0] - shown) > 0.05
 
 
 def test_power_has_its_limits():
     rng = np.random.default_rng(6)
     (first_a, first_b), (new_a, new_b), prior_a, prior_b = linear(rng)
     a, b = side(first_a, new_a, prior_a), side(first_b, new_b, prior_b)
-    assert compute_power(np.zeros(60), a, b) == 0.05
-    assert compute_power(np.full(60, 30.0), a, b) == 1.0
+    assert compute_power_and_limit(np.zeros(60), a, b)[0] == 0.05
+    assert compute_power_and_limit(np.full(60, 30.0), a, b)[0] == 1.0
 
 
 def test_cheapest_sufficient_protocol_is_chosen_else_the_most_powerful():
@@ -136,7 +136,7 @@ def test_form_at_its_limit_does_not_represent_its_mechanism():
     true = np.array([envelope.true_values[name] for name in problem.names])
     best = float(np.sum(baseline.noise.whiten(problem.measured - problem.predict(true)) ** 2))
     # As good as the true model, up to the χ² of its few fitted parameters.
-    assert fit_best_candidate(problem, baseline, offered).estimate.chi2_with_priors < best + 10
+    assert fit_best_rival(problem, baseline, offered).estimate.chi2_with_priors < best + 10
     # Negative control: there is an effect to detect.
     assert baseline.estimate.chi2_with_priors > best + 100
 

@@ -63,7 +63,7 @@ class Delayed:
         late = (1 - values[0]) * force + values[0] * np.roll(force, 1)
         return np.stack([late, np.zeros(ROWS)])
 
-    def jacobian(self, values, places):
+    def predict_with_jacobian(self, values, places):
         force = STIFF * np.asarray(self.dataset.rows.length)
         slope = np.stack([np.roll(force, 1) - force, np.zeros(ROWS)])
         return self.predict(values), np.broadcast_to(slope, (len(places), 2, ROWS))

@@ -185,7 +185,7 @@ def test_joint_fit_reduces_the_sd_of_the_modulus():
             "a fit needs a measured force or diameter; got neither in made/recording.csv.",
         ),
         ([made()], {"starts": 0}, "`starts` must be at least 1; got 0."),
-        ([made()], {"fold_count": 1}, "`folds` must be at least 2; got 1."),
+        ([made()], {"fold_count": 1}, "`fold_count` must be at least 2; got 1."),
         ([made()], {"seed": -1}, "`seed` must be at least 0; got -1."),
     ],
 )
@@ -288,7 +288,7 @@ def test_undetermined_parameter_is_reported():
     recording = dataclasses.replace(case.recording, pressure=0.0 * case.recording.pressure)
     fitted = fit(dataclasses.replace(case, recording=recording), "elastic", **QUICK)
     stiffness = fitted.estimates["thread.stiffness"]
-    assert stiffness.shrinkage < 0.5
+    assert stiffness.sd_ratio > 0.5
     assert "not determined by the data (posterior equals prior); uniform prior" in str(fitted)
     assert np.isfinite(fitted.correlation).all()
 

@@ -124,7 +124,7 @@ def test_note_and_files_have_both_parts():
 @pytest.mark.parametrize(
     ("mechanisms", "loss", "message"),
     [
-        ([], "square", "got no mechanism. Include one, for example `--with braid_friction`"),
+        ([], "square", r'got no mechanism. Include one, for example `mechanisms=\["braid_friction"\]`'),
         (["force_offset"], "square", "equation may be inexact; got force_offset"),
         (["contact_pressure"], "soft", "a form error needs a likelihood; got a soft loss"),
     ],

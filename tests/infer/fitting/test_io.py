@@ -151,7 +151,7 @@ def test_missing_case_of_a_fit_is_refused(written, arguments, message):
 
 
 def test_case_folder_is_refused_as_a_fit(fitted):
-    with pytest.raises(BadInput, match=r"`--case` needs a fit\.json"):
+    with pytest.raises(BadInput, match=r"`case` needs a fit\.json"):
         load_muscle(fitted.cases[0].case.folder, case="a")
 
 

@@ -131,7 +131,7 @@ def test_unknown_noise_of_the_length_is_estimated():
 def test_missing_friction_leaves_a_loop():
     case = build_case(simulate_recording(IDS), length="0.1 mm")
     (case_fit,) = fit(case, "inelastic", mechanisms=RUBBER, **QUICK).cases
-    assert case_fit.noise["length"].excess > 1.5
+    assert case_fit.noise["length"].rms_over_noise > 1.5
 
 
 def test_rows_of_a_free_contraction_are_informative(recording):

@@ -64,7 +64,7 @@ def test_noise_is_that_of_neighbours_and_not_the_misfit():
     noise = fitted.cases[0].noise["force"]
     assert not noise.stated
     assert noise.sd == pytest.approx(quiet.sd, rel=0.25)
-    assert noise.excess > 3
+    assert noise.rms_over_noise > 3
     note = str(fitted)
     assert "force is missed by" in note
     rmse = fitted.cases[0].rmse["force"]

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from pamjax.infer.noise.ar1_filter import Ar1Noise, compute_correlation_error
-from pamjax.infer.noise.estimate import _build_channel_noise, _compute_half_mean_square
+from pamjax.infer.noise.estimate import _build_channel_noise, _ChannelSamples, _compute_half_mean_square
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.noise.noise_settings import NOISE_SETTINGS
 
@@ -52,12 +52,8 @@ def test_correlation_estimate_is_independent_of_misfit(shared, correlation):
     slow = 20 * np.sin(np.arange(n) / 300)
     residual = sample(shared, correlation, n, seed=3) + slow
     channel_noise = _build_channel_noise(
-        residual,
+        _ChannelSamples(residual, np.arange(n), np.zeros(n), np.full(n, 1 - shared)),
         np.array([shared]),
-        np.full(n, 1 - shared),
-        np.arange(n),
-        np.zeros(n),
-        True,
         settings=NOISE_SETTINGS,
     )
     assert channel_noise.ar1_fraction == pytest.approx(shared)
@@ -91,12 +87,8 @@ def test_only_a_plausible_ratio_replaces_the_stated_noise(factor, expected):
     """Noise of more than 2.1 times the stated noise is misfit that changes from sample to sample."""
     n = 4000
     channel_noise = _build_channel_noise(
-        factor * sample(1.0, 0.0, n, seed=4),
+        _ChannelSamples(factor * sample(1.0, 0.0, n, seed=4), np.arange(n), np.zeros(n), np.zeros(n)),
         np.array([1.0]),
-        np.zeros(n),
-        np.arange(n),
-        np.zeros(n),
-        True,
         settings=NOISE_SETTINGS,
         max_noise_ratio=2.1,
     )

@@ -55,13 +55,18 @@ class Program:
         self.names = list(list_values(self.bench))
         self.neutral = np.array([float(v) for v in list_values(self.bench).values()])
         self.row_count = compile_on_call(jax.vmap(self.plain))
+        self.record = compile_on_call(self.record_at)
         self.slopes = compile_on_call(jax.jacfwd(lambda x: 2 * (self.plain(x),), has_aux=True))
         # It runs once for each mechanism: optimised code would take longer to compile than it saves.
         quickly_compiled = list_compiler_options() | {"xla_backend_optimization_level": 0}
         self.pull = jax.jit(lambda x, w: jax.vjp(self.plain, x)[1](w)[0], compiler_options=quickly_compiled)
 
     def plain(self, x):
-        shown = replace_values(self.bench, dict(zip(self.names, x, strict=True)))(*self.at)
+        return self.record_at(x, *self.at)
+
+    def record_at(self, x, pressure, length, history):
+        model = replace_values(self.bench, dict(zip(self.names, x, strict=True)))
+        shown = model(pressure, length, history)
         return jnp.stack([shown.force, shown.diameter])
 
     def numbers(self, by_path):
@@ -96,6 +101,23 @@ def test_outputs_are_finite_within_the_limits(kind):
     for _ in range(3):
         sets = [anywhere(p.bench, kind, rng) for _ in range(4)]
         assert np.all(np.isfinite(p.shown(*sets))), sets
+
+
+@pytest.mark.slow
+@every
+def test_dependence_on_time_and_on_other_samples_is_declared(kind):
+    p = program()
+    x, (pressure, length, history) = p.numbers(usual(p.bench, kind)), p.at
+    shown = np.asarray(p.record(x, pressure, length, history))
+    static = p.record(x, pressure, length, build_time_history(None, np.arange(pressure.size) == 0))
+    assert differs(shown, static) == kind.needs_time
+    changed = np.arange(pressure.size) % 4 < 2
+    other = np.asarray(p.record(x, pressure * (1 + 0.05 * changed), length * (1 + 1e-3 * changed), history))
+    assert differs(shown[:, ~changed], other[:, ~changed]) == kind.mixes_samples
+
+
+def differs(shown, other):
+    return bool(np.max(np.abs(shown - other) / SCALE) > 100 * SOLVED)
 
 
 @pytest.mark.slow

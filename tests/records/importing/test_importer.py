@@ -82,7 +82,7 @@ def test_layout_of_the_hose_bench(hose):
         np.testing.assert_allclose(got, wanted, rtol=0, atol=0.51 * digits)
     np.testing.assert_array_equal(recording.cycle, cycle)
     # The rig was moved between tests: each test is a continuous part.
-    assert recording.starts.sum() == 12
+    assert recording.is_run_start.sum() == 12
 
 
 @pytest.mark.skipif(not PUBLISHED.is_dir(), reason="no hose recordings next to the project")

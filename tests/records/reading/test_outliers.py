@@ -5,9 +5,9 @@ import pytest
 
 from pamjax.errors import InputWarning
 from pamjax.records.reading.outliers import remove_outliers
-from pamjax.records.reading.table import read_table
 from pamjax.records.recording import Recording
 from tests.records.conftest import as_csv, strokes
+from tests.records.reading.read_table import read_table
 
 
 @pytest.mark.parametrize("name", ["pressure", "length", "force", "diameter"])

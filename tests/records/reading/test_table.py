@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pamjax.errors import BadInput, InputWarning
-from pamjax.records.reading.table import read_table
 from tests.records.conftest import HEADER
+from tests.records.reading.read_table import read_table
 
 ROWS = "0,100,200,400,20,1\n1,101,199,390,,1\n2,102,198,380,,1\n"
 FIRST = HEADER.strip().split(",")

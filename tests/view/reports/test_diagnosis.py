@@ -185,7 +185,9 @@ def test_first_screen_answers_five_questions_in_order():
     assert answers["How sure"].startswith("Probability 0.98; no other mechanism explains")
     assert "p < 1e-12" in answers["How sure"]
     assert answers["Where"].startswith("Above 100 kPa")
-    before, after = (s["force"] for s in (result.gain.rmse_before, result.gain.rmse_after))
+    before, after = (
+        s["force"] for s in (result.held_out_errors.rmse_before, result.held_out_errors.rmse_after)
+    )
     assert f"force {before:.3g} → {after:.3g} N (noise 2 N); diameter" in answers["How much better"]
     assert "pamjax validate model.json OTHER" in answers["Next"]
 
@@ -303,11 +305,11 @@ def test_report_without_a_mechanism_has_no_improved_model():
 
 def test_a_recording_with_too_few_blocks_says_that_nothing_was_held_out():
     result = diagnosis()
-    held_out = result.gain.held_out
+    held_out = result.held_out_errors.held_out
     assert "The mechanisms were selected without the held-out blocks." in read_report("friction")
     assert "no block was held out" not in str(result)
-    gain = replace(result.gain, held_out=np.zeros_like(held_out), rmse_before={}, rmse_after={})
-    without = replace(result, gain=gain)
+    errors = replace(result.held_out_errors, held_out=np.zeros_like(held_out), rmse_before={}, rmse_after={})
+    without = replace(result, held_out_errors=errors)
     assert "no block was held out (too few blocks): no independent rows confirm" in str(without)
     with TemporaryDirectory() as folder:
         text = write_diagnosis_report(without, Path(folder) / "report.html").read_text("utf-8")

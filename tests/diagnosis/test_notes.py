@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.identifiability import (
+from pamjax.diagnosis.library.library_problem import build_library_problem
+from pamjax.diagnosis.notes import (
     format_strained_parameters,
     format_unidentified_combinations,
     format_untestable_mechanisms,
 )
-from pamjax.diagnosis.library.library_problem import build_library_problem
 from tests.diagnosis.bank import build_plan_problem
 from tests.diagnosis.plain_fits import build_fit
 

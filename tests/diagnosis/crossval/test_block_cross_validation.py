@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.crossval.explained_fraction import BlockCrossValidation, _compute_predicted_share
+from pamjax.diagnosis.crossval.block_cross_validation import BlockCrossValidation, _compute_predicted_share
 from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import build_library_problem

@@ -13,7 +13,7 @@ from pamjax.records.blocks import Blocks
 
 
 @dataclass(frozen=True, eq=False)
-class Gain:
+class HeldOutErrors:
     """Errors on held-out blocks, without and with the mechanisms.
 
     Attributes:
@@ -53,13 +53,13 @@ def select_held_out_rows(blocks: Blocks, settings: DiagnosisSettings = DEFAULT_S
     return np.isin(blocks.label, block_labels)
 
 
-def compute_gain(
+def compute_held_out_errors(
     problem: LibraryProblem,
     blocks: Blocks,
     held_out_rows: np.ndarray,
     baseline: CandidateFit,
     fit: CandidateFit,
-) -> Gain:
+) -> HeldOutErrors:
     """Return the errors of a baseline and a model that were fitted without the held-out rows."""
     before, after = problem.predict(baseline.estimate.values), problem.predict(fit.estimate.values)
     names = [blocks.names[k] for k in np.unique(blocks.label[held_out_rows]) if k >= 0]
@@ -68,7 +68,7 @@ def compute_gain(
         if names
         else "none: too few blocks"
     )
-    return Gain(
+    return HeldOutErrors(
         description,
         held_out_rows,
         before,

@@ -16,9 +16,9 @@ from pamjax.infer.fitting.determination import compute_prior_scale
 from pamjax.infer.fitting.identifiability import (
     find_undetermined_combinations,
     format_combination,
-    format_list,
 )
 from pamjax.model.parameters import find_meaning
+from pamjax.text import join_words
 
 
 def format_notes(problem: LibraryProblem, baseline: CandidateFit, fit: CandidateFit) -> list[str]:
@@ -56,7 +56,7 @@ def format_strained_parameters(problem: LibraryProblem, fit: CandidateFit) -> li
     if any(name.startswith("`thread.") for name in names):
         limit += f", or a factor of {problem.settings.max_stiffness_factor:g} for the thread stiffness"
     return [
-        f"{format_list(names)} reached {'its limit' if len(names) == 1 else 'their limits'} ({limit}): the"
+        f"{join_words(names)} reached {'its limit' if len(names) == 1 else 'their limits'} ({limit}): the"
         f" model may lack a mechanism, or {sd_text} too small."
     ]
 

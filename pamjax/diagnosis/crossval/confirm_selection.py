@@ -2,16 +2,16 @@
 
 Unmodelled physics is often absorbed by the nearest mechanism in the library: a saturated load cell resembles
 a compliant rig. Such a fit fails on other blocks. Therefore each training block is left out once
-(`explained_fraction.py`), with the form errors of the mechanisms as noise. If all mechanisms together explain
-less than 5/6 of the misfit of the left-out blocks (setting `min_explained_fraction`), a part of the misfit is
-unexplained, even if their residual in the fit is only noise.
+(`block_cross_validation.py`), with the form errors of the mechanisms as noise. All mechanisms together must
+explain 5/6 of the misfit of the left-out blocks (setting `min_explained_fraction`). Otherwise a part of the
+misfit is unexplained, even if their residual in the fit is only noise.
 
 Each mechanism is also tested alone. Its probability is multiplied by the share of its effect that left-out
 blocks confirm. It is dropped if its probability is then below `established_probability`. This is done once,
 with all mechanisms in the model.
 
-If a part of the misfit is unexplained, the certainty of the remaining mechanisms, the distance of their
-probability from even chances, is halved (setting `unexplained_certainty_share`).
+If a part of the misfit is unexplained, the certainty of the remaining mechanisms is reduced (setting
+`doubtful_certainty_share`). Certainty is the distance of a probability from even chances.
 
 Limits: a mechanism that replaces physics outside the library can explain left-out blocks too. It is then
 named with a low probability, beside an unexplained part.
@@ -23,15 +23,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from pamjax.diagnosis.crossval.explained_fraction import BlockCrossValidation
+from pamjax.diagnosis.crossval.block_cross_validation import BlockCrossValidation
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.select.selection import (
     Selection,
     restrict_selection,
 )
-from pamjax.infer.fitting.identifiability import format_list
 from pamjax.records.blocks import Blocks
+from pamjax.text import join_words
 
 
 def cross_validate_selection(
@@ -68,6 +68,6 @@ def format_dropped_mechanisms(before: Selection, after: Selection) -> list[str]:
         return []
     its, is_not = ("its", "it is") if len(dropped_ids) == 1 else ("their", "they are")
     return [
-        f"Left-out blocks confirm too little of {format_list(dropped_ids)}, or {its} probability was low:"
+        f"Left-out blocks confirm too little of {join_words(dropped_ids)}, or {its} probability was low:"
         f" {is_not} not reported."
     ]
