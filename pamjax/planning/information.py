@@ -38,8 +38,8 @@ from pamjax.infer.problem.parameter_space import FreeParameter, ParameterSpace, 
 from pamjax.infer.problem.priors import is_length_error, list_free_parameters
 from pamjax.jit import compile_on_call
 from pamjax.model.parameters import LENGTH_ERROR_PREFIX, find_meaning
-from pamjax.planning.bench import RigCapabilities
-from pamjax.planning.runs import PlannedRun, set_lengths
+from pamjax.planning.rig_capabilities import DEFAULT_CHANNEL_SDS, RigCapabilities
+from pamjax.planning.runs import PlannedRun, compute_fixed_lengths
 from pamjax.records.blocks import find_length_settings
 from pamjax.records.case import Case
 from pamjax.records.reading.muscle_toml import MuscleToml
@@ -133,9 +133,9 @@ class PriorInformation:
         error_slopes = self._compute_error_slopes(input_slopes, readings, np.asarray(rows.pressure)[:n])
         length_slopes = self._compute_length_error_slopes(input_slopes[1], setting)
         slopes = np.concatenate([slopes, error_slopes, length_slopes])
-        noise = [x**2 if x else math.inf for x in (self.capabilities.force, self.capabilities.diameter)]
-        input_variance = (self.capabilities.gauge * input_slopes[0]) ** 2 + (
-            self.capabilities.ruler * input_slopes[1]
+        noise = [x**2 if x else math.inf for x in (self.capabilities.force_sd, self.capabilities.diameter_sd)]
+        input_variance = (self.capabilities.pressure_sd * input_slopes[0]) ** 2 + (
+            self.capabilities.length_sd * input_slopes[1]
         ) ** 2
         variance = np.array(noise)[:, None] + input_variance
         # Samples of a slack muscle or without equilibrium have no information.
@@ -186,7 +186,7 @@ class PriorInformation:
 
     def find_settings(self, runs: Sequence[PlannedRun]) -> np.ndarray:
         """Return the index of each run's set length; strokes have the index after the last length."""
-        lengths = set_lengths(self.capabilities, self.entry.rest_length.value)
+        lengths = compute_fixed_lengths(self.capabilities, self.entry.rest_length.value)
         return np.array(
             [int(np.argmin(abs(lengths - r.length[0]))) if r.has_fixed_length else lengths.size for r in runs]
         )
@@ -291,8 +291,8 @@ def build_prior_information(
         for n, sd in capabilities.error_sds.items()
     ]
     # One error for each set length, and one for all strokes.
-    setting_count = set_lengths(capabilities, entry.rest_length.value).size + 1
-    length_errors = _build_length_errors(capabilities.setting, setting_count)
+    setting_count = compute_fixed_lengths(capabilities, entry.rest_length.value).size + 1
+    length_errors = _build_length_errors(capabilities.length_setting_sd, setting_count)
     prior_information = _build_from_priors(entry, capabilities, law, [*free_parameters, *length_errors])
     return prior_information if case is None else _update_with_recording(prior_information, case)
 
@@ -368,10 +368,12 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
     label, matrix = np.zeros(case.recording.n, dtype=int), recorded_information.matrix
     for channel, channel_noise in noise.items():
         # Without a stated noise, use the larger of the residual and the default.
-        default_sd = getattr(prior_information.capabilities, channel) or getattr(RigCapabilities, channel)
+        default_sd = prior_information.capabilities.channel_sds[channel] or DEFAULT_CHANNEL_SDS[channel]
         sensor_sd = getattr(case.entry.sensors, channel) or max(default_sd, channel_noise.sd)
-        channel_rig = replace(prior_information.capabilities, **{channel: sensor_sd}).keep_channel(channel)
-        channel_rig = replace(channel_rig, ruler=0.0) if sd else channel_rig
+        channel_rig = replace(prior_information.capabilities, **{f"{channel}_sd": sensor_sd}).keep_channel(
+            channel
+        )
+        channel_rig = replace(channel_rig, length_sd=0.0) if sd else channel_rig
         samples_per_independent = max(channel_noise.excess, 1.0) ** 2 * channel_noise.autocorrelation_time
         channel_information = replace(recorded_information, capabilities=channel_rig)
         matrix = (

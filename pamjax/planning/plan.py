@@ -14,13 +14,13 @@ import pandas as pd
 from pamjax.errors import check_minimum, refuse, suggest_word
 from pamjax.model.parameters import find_meaning
 from pamjax.notebook import NotebookNote
-from pamjax.planning.bench import RigCapabilities, read_capabilities
 from pamjax.planning.information import (
     PriorInformation,
     build_prior_information,
     list_muscle_parameters,
 )
 from pamjax.planning.optimal_design import RunMenu, build_variance_criterion, build_volume_criterion
+from pamjax.planning.rig_capabilities import RigCapabilities, read_capabilities
 from pamjax.planning.runs import ISOBAR_CYCLES, PlannedRun, list_isobars, list_runs
 from pamjax.records.case import Case, ensure_case_or_toml
 from pamjax.records.files import write_atomically
@@ -177,9 +177,11 @@ def plan(
     check_minimum("seed", seed, 0)
     source = ensure_case_or_toml(muscle)
     case, entry = (source, source.entry) if isinstance(source, Case) else (None, source)
-    limits_of_recording: dict[str, Any] = {"highest": _find_highest_pressure(case)} if case else {}
+    limits_of_recording: dict[str, Any] = (
+        {"max_recorded_pressure": _find_highest_pressure(case)} if case else {}
+    )
     if case and not case.recording.measures_length:
-        limits_of_recording["recorded"] = case.recording.channels
+        limits_of_recording["recorded_channels"] = case.recording.channels
     capabilities = (
         rig
         if isinstance(rig, RigCapabilities)

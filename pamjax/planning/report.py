@@ -9,8 +9,8 @@ from pamjax.model.parameters import find_meaning
 from pamjax.units import format_quantity
 
 if TYPE_CHECKING:
-    from pamjax.planning.bench import RigCapabilities
     from pamjax.planning.plan import ExpectedSd, Plan
+    from pamjax.planning.rig_capabilities import RigCapabilities
 
 #: Rms residual of the recording over noise above which the summary reports a misfit.
 MIN_MISFIT_RATIO = 1.5
@@ -42,8 +42,8 @@ def format_plan_note(plan: Plan) -> str:
 def format_rig(capabilities: RigCapabilities) -> str:
     """Return the limits, the speed and the sampling rate of the rig."""
     limits = (
-        f"up to {format_quantity(capabilities.pressure, 'kPa', 3)} and"
-        f" {capabilities.contraction:.0%} contraction"
+        f"up to {format_quantity(capabilities.max_pressure, 'kPa', 3)} and"
+        f" {capabilities.max_contraction:.0%} contraction"
     )
     return f"{limits}, {1e3 * capabilities.speed:.3g} mm/s, sampling rate {capabilities.rate:.3g} Hz"
 

@@ -29,9 +29,9 @@ from scipy.optimize import least_squares
 from pamjax.compile.jax_cache import keep_compiled
 from pamjax.model import braid
 from pamjax.model.assembly import assemble
-from pamjax.planning.bench import DEFAULT_ERROR_SDS, RigCapabilities
 from pamjax.planning.information import PriorInformation, build_prior_information
 from pamjax.planning.plan import Plan, plan
+from pamjax.planning.rig_capabilities import DEFAULT_ERROR_SDS, RigCapabilities
 from pamjax.planning.runs import PlannedRun, list_isobars, list_runs
 from pamjax.records.reading.muscle_toml import MuscleToml, Sensors
 from pamjax.records.reading.quantity import MeasuredValue
@@ -65,9 +65,13 @@ def a_muscle(rng: np.random.Generator, minutes: float) -> tuple[MuscleToml, RigC
         "pressure_gain.gain": 0.01, "length_offset.offset": 1e-3 * rest, "diameter_offset.offset": 2e-4,
         "rig_compliance.compliance": rng.uniform(0.05e-3, 0.2e-3) / force,
     }  # fmt: skip
-    given = {"force": sensors.force, "diameter": sensors.diameter, "gauge": sensors.pressure}
-    given = {name: sd for name, sd in given.items() if sd}
-    means = RigCapabilities(pressure=pressure, contraction=0.25, minutes=minutes, error_sds=off, **given)
+    stated_sds = {
+        "force_sd": sensors.force, "diameter_sd": sensors.diameter, "pressure_sd": sensors.pressure
+    }  # fmt: skip
+    stated_sds = {name: sd for name, sd in stated_sds.items() if sd}
+    means = RigCapabilities(
+        max_pressure=pressure, max_contraction=0.25, minutes=minutes, error_sds=off, **stated_sds
+    )
     return entry, means
 
 
