@@ -54,6 +54,8 @@ MODEL_TITLES = {
 
 #: Smallest number of settings for a test of extrapolation.
 MIN_SETTINGS_FOR_EXTRAPOLATION = 3
+#: Smallest number of samples for a Gaussian process.
+MIN_GP_SAMPLES = 3
 #: Share of the range of lengths that is held out if the recording has no separate settings.
 EXTRAPOLATION_RANGE_SHARE = 0.2
 
@@ -237,7 +239,7 @@ def _evaluate_split(
 
 
 def _has_enough_samples(residual: np.ndarray, training_rows: np.ndarray) -> bool:
-    return int(np.count_nonzero(np.isfinite(residual) & training_rows)) >= MIN_SETTINGS_FOR_EXTRAPOLATION
+    return int(np.count_nonzero(np.isfinite(residual) & training_rows)) >= MIN_GP_SAMPLES
 
 
 def _predict_sarosi(problem: LibraryProblem, training_rows: np.ndarray) -> tuple[np.ndarray, str]:

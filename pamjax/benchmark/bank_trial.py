@@ -24,7 +24,7 @@ from pamjax.records.blocks import find_blocks
 
 def draw_task_recording(task: TrialTask) -> BankRecording:
     """Draw the recording of a task; the same task gives the same recording."""
-    words = [task.seed, list(BANK_KINDS).index(task.kind), task.number, round(1e3 * task.correlation)]
+    words = [task.seed, list(BANK_KINDS).index(task.kind), task.trial_index, round(1e3 * task.correlation)]
     return draw_bank_recording(task.kind, task.correlation, np.random.default_rng(words))
 
 
@@ -32,12 +32,12 @@ def run_bank_trial(task: TrialTask) -> Trial:
     """Simulate the recording of a task, diagnose it, and compare with what it conceals."""
     start_time = time.process_time()
     bank_recording = draw_task_recording(task)
-    case = build_bank_case(bank_recording, f"{task.kind}-{task.number}")
+    case = build_bank_case(bank_recording, f"{task.kind}-{task.trial_index}")
     mechanisms = [effect for effect in bank_recording.effects if effect.in_library]
     outside = [effect for effect in bank_recording.effects if not effect.in_library]
     values: dict[str, Any] = {
-        "stage": task.stage, "kind": task.kind, "correlation": task.correlation, "number": task.number,
-        "seed": task.seed, "bank": task.bank, "law": case.entry.baseline,
+        "stage": task.stage, "kind": task.kind, "correlation": task.correlation,
+        "trial_index": task.trial_index, "seed": task.seed, "bank": task.bank, "law": case.entry.baseline,
         "blocks": find_blocks(case.recording).kind, "misstated": bank_recording.misstated,
         "concealed": tuple(effect.id for effect in mechanisms),
         "forms": tuple(effect.form for effect in mechanisms),
@@ -62,19 +62,19 @@ def compare_with_key(bank_recording: BankRecording, diagnosis: Diagnosis) -> dic
         "named": named_ids,
         "ties": ties,
         "probabilities": tuple(float(name.probability) for name in names),
-        "stand_ins": find_ties(concealed_ids, named_ids, ties),
+        "reported_ties": find_reported_ties(concealed_ids, named_ids, ties),
         "unexplained": bool(diagnosis.unexplained),
-        "numbers": tuple(_compare_usual_parameters(bank_recording, diagnosis)),
+        "parameters": tuple(_compare_usual_parameters(bank_recording, diagnosis)),
         "held_out_ratios": compute_held_out_ratios(diagnosis),
     }
 
 
-def find_ties(
+def find_reported_ties(
     concealed_ids: set[str], named_ids: tuple[str, ...], ties: tuple[tuple[str, ...], ...]
 ) -> tuple[tuple[str, str], ...]:
     """Return the (concealed, named) pairs of ids in which the concealed one is a tie of the named one.
 
-    >>> find_ties({"force_gain"}, ("pressure_gain", "end_taper"), (("force_gain",), ()))
+    >>> find_reported_ties({"force_gain"}, ("pressure_gain", "end_taper"), (("force_gain",), ()))
     (('force_gain', 'pressure_gain'),)
     """
     return tuple(

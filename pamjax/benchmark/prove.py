@@ -152,17 +152,17 @@ def read_trials(file: Path) -> list[Trial]:
 
 def build_tasks(
     counts: dict[str, int], correlations: Iterable[float], *, stage: str = "all", seed: int = 0,
-    with_baselines: bool = False, form_error: float = 0.0, bank: str = "own",
+    with_competitors: bool = False, form_error: float = 0.0, bank: str = "own",
 ) -> list[TrialTask]:  # fmt: skip
     """Return `counts` tasks of each kind at each correlation, in alternating order.
 
-    >>> [(t.kind, t.number) for t in build_tasks({"nothing": 1, "pair": 2}, [0.5])]
+    >>> [(t.kind, t.trial_index) for t in build_tasks({"nothing": 1, "pair": 2}, [0.5])]
     [('nothing', 0), ('pair', 0), ('pair', 1)]
     """
     return [
-        TrialTask(stage, kind, correlation, number, seed, with_baselines, form_error, bank)
-        for number in range(max(counts.values(), default=0))
+        TrialTask(stage, kind, correlation, trial_index, seed, with_competitors, form_error, bank)
+        for trial_index in range(max(counts.values(), default=0))
         for correlation in correlations
         for kind, count in counts.items()
-        if number < count
+        if trial_index < count
     ]

@@ -46,10 +46,10 @@ def tabulate_false_alarms(trials: Sequence[Trial]) -> list[TableLine]:
             rate = Rate.from_outcomes(hits)
             common_practice = ""
             if label == "a mechanism named":
-                with_baselines = [t for t in group if t.selected is not None]
+                compared_trials = [t for t in group if t.selected is not None]
                 common_practice = (
-                    str(Rate.from_outcomes(bool(t.selected) for t in with_baselines))
-                    if with_baselines
+                    str(Rate.from_outcomes(bool(t.selected) for t in compared_trials))
+                    if compared_trials
                     else ""
                 )
             lines.append(
@@ -136,8 +136,10 @@ def tabulate_recovery(trials: Sequence[Trial]) -> list[TableLine]:
             "one to three effects: an unexplained misfit reported", [t.unexplained for t in effect_trials]
         )
     )
-    reported_ties = [(t, tie) for t in effect_trials for ties in t.ties for tie in ties]
-    are_indistinguishable = [any((id, tie) in t.stand_ins for id in t.concealed) for t, tie in reported_ties]
+    alternatives = [(t, tie) for t in effect_trials for ties in t.ties for tie in ties]
+    are_indistinguishable = [
+        any((id, tie) in t.verified_ties for id in t.concealed) for t, tie in alternatives
+    ]
     lines.append(build_rate_line("reported ties that are indistinguishable", are_indistinguishable))
     return (
         [line for line in lines if line.rate and line.rate.total]
@@ -213,7 +215,7 @@ def compute_coverage(trials: Sequence[Trial], own: bool, same_model: bool = True
     numbers = [
         n
         for t in trials
-        for n in t.numbers
+        for n in t.parameters
         if (n.name.partition(".")[0] in ("muscle", "thread")) == own
         and (n.same or not same_model)
         and n.sd > 0
@@ -239,7 +241,7 @@ def tabulate_quantities(trials: Sequence[Trial]) -> list[TableLine]:
             )
         )
     stiffness_estimates = [
-        n for t in effect_trials for n in t.numbers if n.name.startswith("thread.") and n.same and n.sd > 0
+        n for t in effect_trials for n in t.parameters if n.name.startswith("thread.") and n.same and n.sd > 0
     ]
     rate = Rate.from_outcomes(abs(n.value - n.true) <= NORMAL_QUANTILE_95 * n.sd for n in stiffness_estimates)
     lines.append(

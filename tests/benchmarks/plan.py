@@ -133,16 +133,19 @@ def outcome(
 
     truth = np.asarray(shown(known.law, names, fixed, true, padded(pressure), padded(length)))[:, :n]
     noise = rng.standard_normal((4, n))
-    measured = truth + np.array([[means.force], [means.diameter]]) * noise[:2]
-    pressure, length = padded(pressure + means.gauge * noise[2]), padded(length + means.ruler * noise[3])
+    measured = truth + np.array([[means.force_sd], [means.diameter_sd]]) * noise[:2]
+    pressure, length = (
+        padded(pressure + means.pressure_sd * noise[2]),
+        padded(length + means.length_sd * noise[3]),
+    )
     at = known.law, names, fixed
     step = np.array([1e-3 * pressure.max(), 1e-4 * length.max()])
     by_set = [
         (shown(*at, mean, pressure + step[0], length) - shown(*at, mean, pressure, length)) / step[0],
         (shown(*at, mean, pressure, length + step[1]) - shown(*at, mean, pressure, length)) / step[1],
     ]
-    carried = (means.gauge * by_set[0]) ** 2 + (means.ruler * by_set[1]) ** 2
-    noise_sd = np.sqrt(np.array([[means.force], [means.diameter]]) ** 2 + np.asarray(carried)[:, :n])
+    carried = (means.pressure_sd * by_set[0]) ** 2 + (means.length_sd * by_set[1]) ** 2
+    noise_sd = np.sqrt(np.array([[means.force_sd], [means.diameter_sd]]) ** 2 + np.asarray(carried)[:, :n])
     used = np.broadcast_to(truth[0] > 0, (2, n)).ravel()
 
     def residual(u):

@@ -70,8 +70,8 @@ def by_ruler(entry):
 
 def test_ruler_error_is_shared_by_all_samples_of_a_length(by_ruler):
     means = read_capabilities(by_ruler, pressure="690 kPa")
-    assert (means.setting, means.ruler) == (1e-3, 0.0)
-    known = build_prior_information(by_ruler, replace(means, gauge=0.0))
+    assert (means.length_setting_sd, means.length_sd) == (1e-3, 0.0)
+    known = build_prior_information(by_ruler, replace(means, pressure_sd=0.0))
     pressure, length = np.array([200e3, 400e3, 690e3]), np.array([0.2357, 0.2357, 0.19])
     setting, label, shared = np.array([0, 0, 3]), np.zeros(3, int), len(known.free_parameters) - 5
     values = np.where(np.arange(known.mean.size) < len(known.muscle_indices), known.mean, 0.0)
@@ -110,8 +110,8 @@ def test_plan_supports_lengths_set_by_ruler(by_ruler, goal):
 
 def test_ruler_of_a_rig_is_noise_per_sample(by_ruler):
     once, each = (read_capabilities(by_ruler, ruler=ruler) for ruler in (None, "0.1 mm"))
-    assert (once.setting, once.ruler) == (1e-3, 0.0)
-    assert (each.setting, each.ruler) == (0.0, pytest.approx(1e-4))
+    assert (once.length_setting_sd, once.length_sd) == (1e-3, 0.0)
+    assert (each.length_setting_sd, each.length_sd) == (0.0, pytest.approx(1e-4))
 
 
 def test_recording_with_lengths_set_by_ruler_is_used(by_ruler):

@@ -28,7 +28,10 @@ REACHED = {"elbow orthosis", "2 kN lift", "3 mm gripper"}
 @pytest.fixture(scope="module", params=NAMES)
 def design(request):
     return pamjax.size(
-        read_smaller_spec(request.param), starts=3, margins=request.param == "lift-2kN", stock=False
+        read_smaller_spec(request.param),
+        starts=3,
+        inelastic_and_front=request.param == "lift-2kN",
+        stock=False,
     )
 
 
@@ -142,7 +145,7 @@ if __name__ == "__main__":
     file, figures = arguments()[1], {}
     for name in NAMES:
         value, grid_value, violation = compare_with_grid(
-            pamjax.size(HOME / f"{name}.toml", margins=False, stock=False)
+            pamjax.size(HOME / f"{name}.toml", inelastic_and_front=False, stock=False)
         )
         excess = 100 * (np.exp(grid_value - value) - 1)
         figures[f"{name}, grid above search [%]"] = excess
