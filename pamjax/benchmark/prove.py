@@ -145,7 +145,7 @@ def read_trials(file: Path) -> list[Trial]:
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise refuse(
                 "each line must be one trial that `pamjax prove` wrote", "something else",
-                f"line {number} of {file.name}", "Name another folder with --out.",
+                f"line {number} of {file.name}", "Use another folder.",
             ) from error  # fmt: skip
     return trials
 

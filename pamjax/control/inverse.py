@@ -70,15 +70,15 @@ class Command(eqx.Module):
 
     Attributes:
         value: pressure (Pa) or length (m); the nearest possible one if the status is not OK.
-        by_force: its derivative with respect to force.
-        by_given: its derivative with respect to the given length or pressure.
+        slope_by_force: its derivative with respect to force.
+        slope_by_given: its derivative with respect to the given length or pressure.
         stiffness: ∂F/∂L at the value, N/m.
         status: a `CommandLimit`.
     """
 
     value: Array
-    by_force: Array
-    by_given: Array
+    slope_by_force: Array
+    slope_by_given: Array
     stiffness: Array
     status: Array
 

@@ -292,20 +292,20 @@ def _resolve_goal(own_names: list[str], goal: str | None) -> str:
 def _resolve_target_sd(prior: PriorInformation, goal: str, to: str | float | None) -> float:
     if goal == ALL_NUMBERS:
         if to is not None:
-            raise refuse("the goal `all` has no wanted standard deviation", f"{to} in --to")
+            raise refuse("the goal `all` has no wanted standard deviation", f"{to} in `to`")
         return 0.0
     value = abs(float(prior.mean[prior.find_index(goal)]))
     if to is None:
         return DEFAULT_PRECISION * value
     if isinstance(to, str) and to.strip().endswith("%"):
-        target_sd = float(parse_number(to.strip()[:-1], "1", "--to")) / 100 * value
+        target_sd = float(parse_number(to.strip()[:-1], "1", "`to`")) / 100 * value
     else:
-        target_sd = parse_number(str(to), find_meaning(goal).unit, "--to")
+        target_sd = parse_number(str(to), find_meaning(goal).unit, "`to`")
     if not 0 < target_sd < math.inf:
         raise refuse(
             "a wanted standard deviation must be positive",
             format_quantity(target_sd, find_meaning(goal).show),
-            "--to",
+            "`to`",
         )
     return target_sd
 

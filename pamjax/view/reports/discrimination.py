@@ -122,7 +122,10 @@ def format_answer(discrimination: Discrimination) -> tuple[str, str]:
         f" {_format_power(discrimination.chosen_experiment)}."
     )
     if not discrimination.neither_explains:
-        return f"{kind} {protocol_text} {power_text}", f"{capitalise_sentence(discrimination.verdict)}."
+        return (
+            f"{kind} {protocol_text} {power_text}",
+            f"{capitalise_sentence(discrimination.comparison_sentence)}.",
+        )
     summary = discrimination.residual_summary
     return (
         f"{summary[:1].upper()}{summary[1:]}. Until then the test cannot select one of the two.",
