@@ -26,7 +26,6 @@ from pamjax.errors import refuse
 from pamjax.fleet.plan import FleetCase, FleetPlan
 from pamjax.fleet.task import FleetTask, build_task, collect_task_versions, describe_task
 from pamjax.records.files import write_atomically
-from pamjax.records.reading.specimen import Specimen, read_date
 
 FLEET_SCHEMA = "pamjax.fleet/1"
 FLEET_FILE, TASK_FILE, TIME_FILE, ERROR_FILE = "fleet.json", "task.json", "time.json", "error.txt"
@@ -141,13 +140,6 @@ def _check_case_names(document: dict[str, Any], file: Path) -> None:
         if path.is_absolute() or ".." in path.parts:
             rule = "the names of cases and stages must lead into the store"
             raise refuse(rule, repr(str(path)), str(file), "Use a store that `pamjax fleet` wrote.")
-
-
-def read_specimen_entry(entry: dict[str, Any]) -> Specimen:
-    """Return the origin of a case from its entry in fleet.json."""
-    return Specimen(
-        bench=entry["bench"], serial=entry["serial"], type=entry["type"], date=read_date(entry["date"])
-    )
 
 
 def read_outcome(folder: Path, key: str) -> TaskOutcome:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from pamjax.fleet.answers import FleetAnswers, NumberDistribution
+from pamjax.fleet.analysis import FleetAnswers, NumberDistribution
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frequency import BenchFrequency
 from pamjax.fleet.pooling import MIN_SPECIMENS

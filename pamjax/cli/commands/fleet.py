@@ -138,7 +138,7 @@ def report(store: Path, /) -> None:
         store: folder that `pamjax fleet` wrote.
     """
     from pamjax.cluster.connect import check_packages
-    from pamjax.fleet.answers import analyse_fleet
+    from pamjax.fleet.analysis import analyse_fleet
     from pamjax.fleet.fleet import build_fleet
     from pamjax.fleet.tables import build_tables, write_tables
 

@@ -11,7 +11,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pamjax.fleet.answers import DAYS_PER_YEAR, FleetAnswers, NumberDistribution
+from pamjax.fleet.analysis import DAYS_PER_YEAR, FleetAnswers, NumberDistribution
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frames import list_rows, select_rows
 from pamjax.fleet.frequency import BenchFrequency

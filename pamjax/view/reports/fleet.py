@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from pamjax.fleet.answers import FleetAnswers, NumberDistribution
+from pamjax.fleet.analysis import FleetAnswers, NumberDistribution
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frames import list_rows
 from pamjax.fleet.store import DONE, OPEN
@@ -121,8 +121,10 @@ def _format_ridge_caption(distribution: NumberDistribution) -> str:
     text = "Each curve: one specimen with its own uncertainty. Lowest curve: the distribution over specimens."
     if distribution.shares_prior:
         text += " A prior that several specimens share is taken out."
-    if distribution.left_out:
-        text += f" {format_count(distribution.left_out, 'recording')} without a usable estimate left out."
+    if distribution.unusable_count:
+        text += (
+            f" {format_count(distribution.unusable_count, 'recording')} without a usable estimate left out."
+        )
     drawn = len(figures.select_ridges(distribution.pooled.estimate, distribution.pooled.outliers))
     count = len(distribution.pooled.estimate)
     if drawn < count:
