@@ -113,9 +113,18 @@ def list_constants():
     for path, tree in TREES.items():
         for node in tree.body:
             targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
-            for target in targets:
-                if isinstance(target, ast.Name) and target.id.isupper() and target.id not in SHARED_CONSTANTS:
-                    yield target.id, path.relative_to(HOME).as_posix()
+            for name in list_target_names(targets):
+                if name.isupper() and name not in SHARED_CONSTANTS:
+                    yield name, path.relative_to(HOME).as_posix()
+
+
+def list_target_names(targets):
+    """Yield the names of the targets of an assignment, with those of its tuples."""
+    for target in targets:
+        if isinstance(target, ast.Name):
+            yield target.id
+        elif isinstance(target, ast.Tuple):
+            yield from list_target_names(target.elts)
 
 
 @pytest.mark.parametrize("path", TREES, ids=lambda p: p.relative_to(HOME).as_posix())
@@ -179,6 +188,11 @@ def test_no_class_name_occurs_twice():
 
 def test_no_constant_has_two_meanings():
     assert find_repeated(list_constants()) == {}
+
+
+def test_constants_of_a_tuple_are_counted():
+    (node,) = ast.parse("A, (B, c.d) = 1, (2, 3)").body
+    assert list(list_target_names(node.targets)) == ["A", "B"]
 
 
 def test_repeated_class_name_is_detected():

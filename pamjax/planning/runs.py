@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pamjax.diagnosis.next_experiment.protocols import GAUGE_BLOCK_SD_M, REFERENCE_SD_SHARE
 from pamjax.planning.rig_capabilities import RigCapabilities
 from pamjax.units import format_quantity
 
@@ -15,8 +16,8 @@ PRESSURE_LEVELS, CONTRACTION_LEVELS = 5, 4
 #: Duration of a ramp up or down, and of a hold, s.
 RAMP_SECONDS, HOLD_SECONDS = 60.0, 60.0
 
-#: Independent readings of a check; sd of reference instruments: a fraction of the reading, and m.
-CHECK_READINGS, REFERENCE_SHARE, GAUGE_BLOCK_SD = 10, 1e-3, 2e-5
+#: Independent readings of a check.
+CHECK_READINGS = 10
 
 #: Strokes at each pressure in the protocol of Chambers & Wereley (2022).
 ISOBAR_CYCLES = 3
@@ -151,14 +152,14 @@ def _list_checks(capabilities: RigCapabilities) -> list[PlannedRun]:
         "reading of a steel bar of known length and width in the grips": (
             15.0,
             {
-                "length_offset.offset": max(ruler, GAUGE_BLOCK_SD),
-                "diameter_offset.offset": max(diameter / averaging, GAUGE_BLOCK_SD),
+                "length_offset.offset": max(ruler, GAUGE_BLOCK_SD_M),
+                "diameter_offset.offset": max(diameter / averaging, GAUGE_BLOCK_SD_M),
                 "rig_compliance.compliance": ruler / CHECK_FORCE,
             },
         ),
         "reading of dead weights and of a second gauge": (
             20.0,
-            {"force_gain.gain": REFERENCE_SHARE, "pressure_gain.gain": REFERENCE_SHARE},
+            {"force_gain.gain": REFERENCE_SD_SHARE, "pressure_gain.gain": REFERENCE_SD_SHARE},
         ),
     }
     measured = {"pressure", "length", "rig", *capabilities.channels}

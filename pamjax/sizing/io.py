@@ -17,6 +17,7 @@ from pamjax.records.case import MUSCLE_FILE
 from pamjax.records.files import write_folder_atomically
 from pamjax.sizing.candidate import MUSCLE_OUTPUTS, locate_output
 from pamjax.sizing.enumerate import ChoiceResult
+from pamjax.sizing.inelastic import InelasticError
 from pamjax.sizing.problem import OBJECTIVE_UNITS
 from pamjax.sizing.result import Design
 from pamjax.sizing.scatter import build_scatter_document
@@ -67,14 +68,14 @@ def build_design_document(design: Design) -> dict[str, Any]:
         "probability_reached": not design.misses_probability,
         "sensitivity": {
             "requirements": {
-                price.requirement.key: {"share": price.percent_saved, "slope": price.slope}
-                for price in design.prices
+                sensitivity.requirement.key: {"share": sensitivity.percent_saved, "slope": sensitivity.slope}
+                for sensitivity in design.requirement_sensitivities
             },
             "properties": design.property_sensitivities,
             "at_limits": list(design.active_limits),
         },
         "would_have_to_give": [_describe_relaxation(relaxation) for relaxation in design.relaxations],
-        "inelastic_assumption": [_describe_cost(cost) for cost in design.inelastic_costs],
+        "inelastic_assumption": [_describe_error(error) for error in design.inelastic_errors],
         "front": _describe_front(design),
         "parts": [vars(part) for part in list_parts(design)] if design.feasible else [],
         "checks": list_checks(design) if design.feasible else [],
@@ -150,9 +151,19 @@ def _describe_relaxation(relaxation) -> dict[str, Any]:
     return document | {"contraction": relaxation.contraction, "says": relaxation.description}
 
 
-def _describe_cost(cost) -> dict[str, Any]:
-    document = {k: v for k, v in vars(cost).items() if k != "choice"}
-    return document | {"choice": None if cost.choice is None else str(cost.choice)}
+def _describe_error(error: InelasticError) -> dict[str, Any]:
+    return {
+        "thread": error.thread,
+        "shortfall": error.missing_force,
+        "share": error.missing_force_share,
+        "place": error.worst_point,
+        "overrun": error.excess_diameter,
+        "wider": error.excess_diameter_share,
+        "strain": error.max_strain,
+        "inelastic": error.inelastic_objective,
+        "elastic": error.elastic_objective,
+        "choice": None if error.choice is None else str(error.choice),
+    }
 
 
 def _describe_front(design: Design) -> dict[str, Any] | None:
@@ -190,9 +201,9 @@ def build_receipt(design: Design) -> dict[str, list[str]]:
         uncertain.append(f"shear modulus of the rubber {_format_range(choice.bladder.modulus, 'MPa')}")
     uncertain.append(TOLERANCE_LABEL + format_errors(design))
     sensitive = [
-        f"{price.requirement.description}: 1 % relaxation reduces {entries.minimise}"
-        f" by {price.percent_saved:.3g} %"
-        for price in design.prices
+        f"{sensitivity.requirement.description}: 1 % relaxation reduces {entries.minimise}"
+        f" by {sensitivity.percent_saved:.3g} %"
+        for sensitivity in design.requirement_sensitivities
     ]
     sensitive += [
         f"{name}: 1 % increase changes {entries.minimise} by {share:+.3g} %"

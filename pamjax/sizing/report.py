@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pamjax.sizing.result import Design
 
 #: Maximum number of listed sensitivities and of listed relaxations.
-MAX_PRICES, MAX_RELAXATIONS = 3, 6
+MAX_SENSITIVITIES, MAX_RELAXATIONS = 3, 6
 #: Probability above which a requirement of pamjax is not listed.
 CERTAIN = 0.995
 #: Margin below which a requirement counts as exactly met.
@@ -38,7 +38,9 @@ def format_design_note(design: Design) -> str:
     objective_text = f"{entries.minimise} {format_objective(design)}, lowest of {design.choice_count} choices"
     lines = [f"{head}; {objective_text}", "", *_format_muscle(design), "", *_format_requirements(design), ""]
     lines += [f"  {sentence}" for sentence in format_probability(design)]
-    lines += _format_prices(design) + _format_inelastic_costs(design) + _format_parts(design)
+    lines += (
+        _format_requirement_sensitivities(design) + _format_inelastic_errors(design) + _format_parts(design)
+    )
     return "\n".join(lines)
 
 
@@ -128,13 +130,13 @@ def compute_output_ratio(margin: float) -> float:
     )
 
 
-def _format_prices(design: Design) -> list[str]:
-    if not design.prices:
+def _format_requirement_sensitivities(design: Design) -> list[str]:
+    if not design.requirement_sensitivities:
         return []
     objective = design.spec.entries.minimise
     parts = [
-        f"{price.requirement.description} ({price.percent_saved:.2g} %)"
-        for price in design.prices[:MAX_PRICES]
+        f"{sensitivity.requirement.description} ({sensitivity.percent_saved:.2g} %)"
+        for sensitivity in design.requirement_sensitivities[:MAX_SENSITIVITIES]
     ]
     return [f"  reduction of {objective} if one requirement is relaxed by 1 %: " + "; ".join(parts)]
 
@@ -197,14 +199,15 @@ def _format_change(value: float, reference: float) -> str:
     return "no change" if abs(change) < 0.05 else f"{change:+.2g} %"
 
 
-def _format_inelastic_costs(design: Design) -> list[str]:
+def _format_inelastic_errors(design: Design) -> list[str]:
     parts = []
-    for cost in design.inelastic_costs:
-        if cost.choice is None:
-            parts.append(f"{cost.thread} no solution")
+    for error in design.inelastic_errors:
+        if error.choice is None:
+            parts.append(f"{error.thread} no solution")
             continue
-        force = f"force {format_quantity(cost.shortfall, 'N', 2)} ({100 * cost.share:.2g} %) too low"
-        parts.append(f"{cost.thread} {force}, diameter {100 * cost.wider:.2g} % too large")
+        share, missing_force = 100 * error.missing_force_share, format_quantity(error.missing_force, "N", 2)
+        diameter = f"diameter {100 * error.excess_diameter_share:.2g} % too large"
+        parts.append(f"{error.thread} force {missing_force} ({share:.2g} %) too low, {diameter}")
     return ["  error of inelastic threads: " + "; ".join(parts)] if parts else []
 
 

@@ -35,7 +35,7 @@ PROPERTY_LABELS = {
 
 
 @dataclass(frozen=True)
-class ShadowPrice:
+class RequirementSensitivity:
     """Sensitivity of the objective to one requirement.
 
     Attributes:
@@ -49,9 +49,11 @@ class ShadowPrice:
     slope: float
 
 
-def compute_prices(problem: SizingProblem, optimum: SearchResult) -> list[ShadowPrice]:
-    """Return the shadow prices of the active requirements, the largest first."""
-    shadow_prices = []
+def compute_requirement_sensitivities(
+    problem: SizingProblem, optimum: SearchResult
+) -> list[RequirementSensitivity]:
+    """Return the sensitivities to the active requirements, the largest first."""
+    sensitivities = []
     value = float(np.exp(optimum.log_objective))
     for k, requirement in enumerate(problem.task.requirements):
         weights = optimum.multipliers[problem.owner == k]
@@ -67,8 +69,8 @@ def compute_prices(problem: SizingProblem, optimum: SearchResult) -> list[Shadow
         stated_ratio = (
             1 + requirement.fitting_length / requirement.bounds[0] if requirement.fitting_length else 1.0
         )
-        shadow_prices.append(ShadowPrice(requirement, float(weights.sum()) * stated_ratio, slope))
-    return sorted(shadow_prices, key=lambda price: -price.percent_saved)
+        sensitivities.append(RequirementSensitivity(requirement, float(weights.sum()) * stated_ratio, slope))
+    return sorted(sensitivities, key=lambda sensitivity: -sensitivity.percent_saved)
 
 
 def compute_property_sensitivities(problem: SizingProblem, optimum: SearchResult) -> dict[str, float]:

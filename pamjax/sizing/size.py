@@ -14,7 +14,7 @@ from pamjax.sizing import sensitivity
 from pamjax.sizing.assure import Finalist, assure_probability
 from pamjax.sizing.calibration import CalibrationTransfer, transfer_calibration
 from pamjax.sizing.enumerate import ChoiceResult, search_choices
-from pamjax.sizing.inelastic import compute_inelastic_costs
+from pamjax.sizing.inelastic import compute_inelastic_errors
 from pamjax.sizing.infeasible import find_conflict
 from pamjax.sizing.optimise import METHODS
 from pamjax.sizing.pareto import compute_front, select_second_objective
@@ -150,7 +150,9 @@ def _build_feasible_design(
         best_result,
         probability=probability,
         requirement_probabilities=chance.estimate_probabilities(best_result.problem, z, draws),
-        prices=tuple(sensitivity.compute_prices(best_result.problem, optimum)),
+        requirement_sensitivities=tuple(
+            sensitivity.compute_requirement_sensitivities(best_result.problem, optimum)
+        ),
         property_sensitivities=sensitivity.compute_property_sensitivities(best_result.problem, optimum),
         active_limits=tuple(sensitivity.list_active_limits(best_result.problem, optimum)),
         unsearched_count=unsearched_count,
@@ -168,10 +170,10 @@ def _build_feasible_design(
     if not inelastic_and_front:
         return design
     progress("inelastic threads", 0.5)
-    inelastic_costs = compute_inelastic_costs(spec, task, transfer, design.choice, seed)
+    inelastic_errors = compute_inelastic_errors(spec, task, transfer, design.choice, seed)
     progress("two objectives", 0.9)
     best = [finalist.result for finalist in finalists if finalist.reaches(entries.probability)]
     pareto_front = compute_front(
         best or [best_result], select_second_objective(entries.minimise, entries.against)
     )
-    return replace(design, inelastic_costs=tuple(inelastic_costs), front=pareto_front)
+    return replace(design, inelastic_errors=tuple(inelastic_errors), front=pareto_front)

@@ -23,7 +23,7 @@ from pamjax.sizing.specification.parts import Tube, list_tubes
 from pamjax.sizing.specification.spec import Spec
 
 #: Largest number of choices that are combined with tubes, and number of screened candidates of each pair.
-MAX_BASES, SCREENING_POINTS = 150, 64
+MAX_BASES, STOCK_SCREENING_POINTS = 150, 64
 #: Number of best choices of each tube that are optimised first; number of best tubes and of further choices.
 FIRST_CHOICES, BEST_TUBES, FURTHER_CHOICES = 2, 5, 8
 #: Screened merit, relative to the best one, above which a tube is not optimised.
@@ -78,7 +78,7 @@ def search_stock(
         ]
     if not problems:
         return kept_results
-    starts_by_problem, merits = screen_choices(problems, seed, SCREENING_POINTS)
+    starts_by_problem, merits = screen_choices(problems, seed, STOCK_SCREENING_POINTS)
     ranks_by_tube: dict[Tube | None, list[int]] = {}
     for k in np.argsort(merits, kind="stable"):
         if merits[k] <= merits.min() + MAX_MERIT_EXCESS:

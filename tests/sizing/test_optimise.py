@@ -86,10 +86,11 @@ def test_slopes_are_exact(result):
     ],
 )
 def test_multiplier_predicts_the_effect_of_a_changed_bound(result, key, path, to, sign):
-    from pamjax.sizing.sensitivity import compute_prices
+    from pamjax.sizing.sensitivity import compute_requirement_sensitivities
 
     by_key = {
-        price.requirement.key: price.percent_saved for price in compute_prices(result.problem, result.optimum)
+        sensitivity.requirement.key: sensitivity.percent_saved
+        for sensitivity in compute_requirement_sensitivities(result.problem, result.optimum)
     }
     changed_result = solve(change_entry(*path, to=to))
     change = (changed_result.optimum.log_objective - result.optimum.log_objective) / CHANGE

@@ -59,7 +59,7 @@ BANK_KINDS = {
 MIN_BANK_SIZE, MAX_BANK_SIZE = 2.0, 30.0
 
 #: Share of recordings with misstated sensors, and range of true over stated sd.
-MISSTATED_SHARE, MIN_SD_RATIO, MAX_SD_RATIO = 1 / 3, 0.7, 1.5
+MISSTATED_SHARE, MIN_MISSTATED_RATIO, MAX_MISSTATED_RATIO = 1 / 3, 0.7, 1.5
 
 #: Draws of a recording, and rounds of scaling with all effects present.
 MAX_RECORDING_DRAWS, JOINT_SCALING_ROUNDS = 50, 6
@@ -196,7 +196,7 @@ def _draw_sensors(stated_sensors: Sensors, rng: np.random.Generator) -> tuple[Se
     if rng.random() >= MISSTATED_SHARE:
         return stated_sensors, False
     ratios = {
-        name: getattr(stated_sensors, name) * draw_log_uniform(rng, MIN_SD_RATIO, MAX_SD_RATIO)
+        name: getattr(stated_sensors, name) * draw_log_uniform(rng, MIN_MISSTATED_RATIO, MAX_MISSTATED_RATIO)
         for name in ("force", "diameter", "pressure", "length")
     }
     return dataclasses.replace(stated_sensors, **ratios), True

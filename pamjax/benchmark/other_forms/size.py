@@ -33,7 +33,7 @@ from pamjax.records.reading.muscle_toml import Sensors
 REFIT_ROUNDS, SCALING_ROUNDS = 3, 25
 
 #: Relative error of a size at which its search ends, and largest one that is accepted.
-SIZE_TOLERANCE, MAX_SIZE_ERROR = 0.03, 0.1
+EFFECT_SIZE_TOLERANCE, MAX_SIZE_ERROR = 0.03, 0.1
 
 #: Relative step of derivatives of the baseline.
 BASELINE_STEP = 1e-5
@@ -168,7 +168,7 @@ def scale_to_size(
         error = abs(math.log(max(size, 1e-12) / target)) if math.isfinite(size) else math.inf
         if error < least:
             best, least = sign * amplitude, error
-        if error < SIZE_TOLERANCE:
+        if error < EFFECT_SIZE_TOLERANCE:
             break
         is_small = math.isfinite(size) and size < target
         low, high = (amplitude, high) if is_small else (low, amplitude)

@@ -29,7 +29,7 @@ from pamjax.view.figures.fit import (
 from pamjax.view.figures.mismatch_map import list_other_channels, plot_map
 from pamjax.view.figures.posterior import find_ridges, plot_corner, plot_marginals, plot_ridges
 from pamjax.view.figures.posterior_checks import plot_band, plot_profiles, plot_traces
-from pamjax.view.figures.sizing import plot_chart, plot_front, plot_prices
+from pamjax.view.figures.sizing import plot_chart, plot_front, plot_sensitivities
 from pamjax.view.theme import escape_names
 
 #: Function that draws a figure; its argument `narrow` is whether it is for one column.
@@ -146,8 +146,8 @@ def _(diagnosis: Diagnosis) -> dict[str, PlotFunction]:
 @find_plot_functions.register
 def _(design: Design) -> dict[str, PlotFunction]:
     functions: dict[str, PlotFunction] = {"chart": partial(plot_chart, design)}
-    if design.prices:
-        functions["prices"] = partial(plot_prices, design)
+    if design.requirement_sensitivities:
+        functions["prices"] = partial(plot_sensitivities, design)
     if design.front is not None and len(design.front.values) > 1:
         functions["front"] = partial(plot_front, design)
     return functions

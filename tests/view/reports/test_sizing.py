@@ -14,7 +14,7 @@ from pamjax.sizing import chance_constraints
 from pamjax.sizing.infeasible import format_amount
 from pamjax.sizing.io import build_design_document
 from pamjax.sizing.shopping import list_checks
-from pamjax.view.figures.sizing import plot_chart, plot_prices
+from pamjax.view.figures.sizing import plot_chart, plot_sensitivities
 from pamjax.view.reports.sizing import format_answer, format_headline, write_design_report
 from tests.view.html_page import Page
 
@@ -136,7 +136,9 @@ def test_operating_point_above_the_supply_has_an_isobar():
 
 
 def test_title_reports_the_saving_of_a_relaxation():
-    assert re.search(r"” by 1 % reduces diameter by \S+ %", plot_prices(size_spec(False)).get_suptitle())
+    assert re.search(
+        r"” by 1 % reduces diameter by \S+ %", plot_sensitivities(size_spec(False)).get_suptitle()
+    )
 
 
 def test_without_a_fitting_tube_no_part_counts_as_sold():
