@@ -133,6 +133,8 @@ READ = [
         for path in (*ROOT.glob("docs/*.md"), *ROOT.glob("fits/*/README.md"))
     ),
 ]
+#: Largest number of lines of the page of a fit.
+FIT_PAGE_LINES = 80
 NOTEBOOKS = sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("notebooks/*.ipynb"))
 #: Largest number of words of a sentence.
 WORDS = 25
@@ -142,6 +144,11 @@ NO_PROSE = re.compile(
 )
 #: A sentence ends at its punctuation mark, or with its list item or paragraph.
 END = re.compile(r"(?<=[.!?])[)*_\"]*\s+|\n\s*\n|\n\s*(?=[-*] |\d+\. )|\n(?=: )")
+
+
+@pytest.mark.parametrize("name", [name for name in READ if name.startswith("fits/")])
+def test_page_of_a_fit_is_short(name):
+    assert len((ROOT / name).read_text("utf-8").splitlines()) <= FIT_PAGE_LINES
 
 
 def too_long(text):

@@ -71,7 +71,7 @@ class TrialTask:
 
     @property
     def key(self) -> TrialKey:
-        """Key that identifies the trial."""
+        """Return the key that identifies the trial."""
         return (
             self.stage, self.kind, round(self.correlation, 6), self.trial_index, self.seed,
             round(self.form_error, 6), self.bank,
@@ -160,7 +160,7 @@ class Trial:
 
     @property
     def key(self) -> TrialKey:
-        """Key of its task."""
+        """Return the key of its task."""
         return TrialTask(
             self.stage, self.kind, self.correlation, self.trial_index, self.seed, form_error=self.form_error,
             bank=self.bank,
@@ -168,12 +168,12 @@ class Trial:
 
     @property
     def is_detected(self) -> bool:
-        """Whether the misfit of the baseline is significant."""
+        """Return whether the misfit of the baseline is significant."""
         return self.p_value < DEFAULT_SETTINGS.detection_p_value
 
     @property
     def is_alarm(self) -> bool:
-        """Whether the diagnosis reports any misfit."""
+        """Return whether the diagnosis reports any misfit."""
         return self.is_detected or bool(self.named) or self.unexplained
 
     def matches(self, name: str, concealed_id: str) -> bool:
@@ -182,17 +182,17 @@ class Trial:
 
     @property
     def effects_found(self) -> tuple[bool, ...]:
-        """Whether each injected effect is identified."""
+        """Return whether each injected effect is identified."""
         return tuple(any(self.matches(name, id) for name in self.named) for id in self.concealed)
 
     @property
     def names_right(self) -> tuple[bool, ...]:
-        """Whether each identified mechanism is right."""
+        """Return whether each identified mechanism is right."""
         return tuple(any(self.matches(name, id) for id in self.concealed) for name in self.named)
 
     @property
     def is_exact(self) -> bool:
-        """Whether exactly the injected effects are identified."""
+        """Return whether exactly the injected effects are identified."""
         return all(self.effects_found) and all(self.names_right)
 
     def format_line(self) -> str:

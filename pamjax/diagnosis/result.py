@@ -115,17 +115,17 @@ class Diagnosis(DrawableResult, NotebookNote):
 
     @property
     def settings(self) -> DiagnosisSettings:
-        """Thresholds of the diagnosis."""
+        """Return the thresholds of the diagnosis."""
         return self.problem.settings
 
     @property
     def named_mechanisms(self) -> tuple[NamedMechanism, ...]:
-        """Identified mechanisms, most probable first."""
+        """Return the identified mechanisms, most probable first."""
         return self.selection.named_mechanisms
 
     @property
     def established_mechanisms(self) -> tuple[NamedMechanism, ...]:
-        """Identified mechanisms with at least the probability of the setting `established_probability`."""
+        """Return the identified mechanisms with at least the probability `established_probability`."""
         return tuple(
             mechanism
             for mechanism in self.named_mechanisms
@@ -134,12 +134,12 @@ class Diagnosis(DrawableResult, NotebookNote):
 
     @property
     def is_detected(self) -> bool:
-        """Whether the misfit of the baseline is significant."""
+        """Return whether the misfit of the baseline is significant."""
         return bool(self.mismatch.p_value < self.settings.detection_p_value)
 
     @property
     def is_faint(self) -> bool:
-        """Whether the misfit is significant, but too small to identify a mechanism or to be unexplained."""
+        """Return whether the misfit is significant, but too small for a mechanism or to be unexplained."""
         return self.is_detected and not self.named_mechanisms and not self.unexplained
 
     def as_dict(self) -> dict[str, Any]:

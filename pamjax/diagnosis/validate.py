@@ -46,7 +46,7 @@ class BlockValidation:
 
     @property
     def worst_misfit(self) -> str:
-        """The channel with the largest rmse over noise, in words."""
+        """Return the channel with the largest rmse over noise, in words."""
         worst = max(self.rmse, key=lambda channel: self.rmse[channel] / self.noise[channel])
         return f"{worst} {self.rmse[worst] / self.noise[worst]:.3g} times the noise"
 

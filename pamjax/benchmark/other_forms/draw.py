@@ -119,7 +119,7 @@ class BankRecording:
 
     @property
     def sensor_ratios(self) -> dict[str, float]:
-        """True over stated sd by channel."""
+        """Return true over stated sd by channel."""
         return {
             name: getattr(self.sensors, name) / getattr(self.entry.sensors, name)
             for name in ("force", "diameter", "pressure", "length")

@@ -145,7 +145,7 @@ class _Balance:
 
     @property
     def has_potential(self) -> bool:
-        """Whether any effect stores energy or changes the volume."""
+        """Return whether any effect stores energy or changes the volume."""
         return bool(self.energies) or any(effect.volume is not None for effect in self.effects)
 
     def compute_load(self, length: np.ndarray, thread: np.ndarray) -> np.ndarray:

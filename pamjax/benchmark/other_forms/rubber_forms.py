@@ -24,7 +24,7 @@ class RubberWall:
 
     @property
     def volume(self) -> float:
-        """Volume of the rubber, π t (d + t) l, m³."""
+        """Return the volume of the rubber, π t (d + t) l, m³."""
         return np.pi * self.thickness * (self.bore + self.thickness) * self.length
 
     def compute_stretches(

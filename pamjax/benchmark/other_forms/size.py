@@ -75,7 +75,7 @@ class BaselineFit:
 
     @property
     def parameter_count(self) -> int:
-        """Number of free parameters of the baseline."""
+        """Return the number of free parameters of the baseline."""
         return 3 if self.braid.compliance > 0 and self.prior_sd[2] > 0 else 2
 
     def compute_noise(self, pressure: np.ndarray, length: np.ndarray) -> np.ndarray:

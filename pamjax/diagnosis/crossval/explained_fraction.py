@@ -96,7 +96,7 @@ class BlockCrossValidation:
 
     @property
     def fails_out_of_sample(self) -> bool:
-        """Whether the error of left-out blocks is significant and the explained fraction is too small."""
+        """Return whether left-out blocks have a significant error and a too small explained fraction."""
         expected_excesses = np.array([block_fit.expected_excess for block_fit in self.block_fits])
         # Skip a block if no other block constrains one of the amplitudes.
         informed_blocks = self._select_informed_blocks(self.fit.mechanisms) & (
@@ -118,7 +118,7 @@ class BlockCrossValidation:
 
     @cached_property
     def explained_fraction(self) -> float:
-        """Fraction of the misfit of left-out blocks that all mechanisms explain, 0 to 1."""
+        """Return the fraction of the misfit of left-out blocks that all mechanisms explain, 0 to 1."""
         if not self.noise_splits:
             return 1.0
         informed_blocks = self._select_informed_blocks(self.fit.mechanisms)
@@ -135,7 +135,7 @@ class BlockCrossValidation:
 
     @cached_property
     def predicted_share_by_mechanism(self) -> dict[str, float]:
-        """Share of the effect of each mechanism on χ² that it also has in left-out blocks, 0 to 1, by id."""
+        """Return by id the share of a mechanism's effect on χ² that left-out blocks have too, 0 to 1."""
         return {candidate.id: self._compute_predicted_share(candidate) for candidate in self.fit.mechanisms}
 
     def _compute_predicted_share(self, candidate: Candidate) -> float:
@@ -159,7 +159,7 @@ class BlockCrossValidation:
 
     @cached_property
     def _baseline(self) -> _ReducedModel:
-        """The model without any of its mechanisms."""
+        """Return the model without any of its mechanisms."""
         return self._remove_mechanisms(self.fit.mechanisms)
 
     def _select_informed_blocks(self, removed_candidates: Sequence[Candidate]) -> np.ndarray:
@@ -211,7 +211,7 @@ class _ReducedModel:
 
     @cached_property
     def block_fits(self) -> list[_LeftOutBlock]:
-        """The results of the fits without each block."""
+        """Return the results of the fits without each block."""
         return _fit_without_blocks(
             self.problem, self.mechanisms, self.values, self.noise_splits, self.fixed_indices
         )

@@ -36,7 +36,7 @@ class Candidate:
 
     @property
     def free_parameters(self) -> tuple[str, ...]:
-        """Names of all parameters that a refit of the candidate estimates."""
+        """Return the names of all parameters that a refit of the candidate estimates."""
         return self.amplitudes + tuple(self.shape)
 
 

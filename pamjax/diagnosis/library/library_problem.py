@@ -99,26 +99,26 @@ class LibraryProblem:
 
     @property
     def is_logarithmic(self) -> np.ndarray:
-        """(p,) Whether a parameter is fitted on a logarithmic scale; a stated value of the baseline is not.
+        """Return (p,) whether a parameter is fitted on a logarithmic scale.
 
-        Its prior is normal in the value itself, as in a fit.
+        A stated value of the baseline is not: its prior is normal in the value itself, as in a fit.
         """
         is_stated = self.is_baseline & np.isfinite(self.prior_sd)
         return np.array([m.scale == "log" for m in self.meanings]) & ~is_stated
 
     @property
     def is_switch(self) -> np.ndarray:
-        """(p,) Whether a parameter switches its mechanism on."""
+        """Return (p,) whether a parameter switches its mechanism on."""
         return np.array([m.neutral is not None for m in self.meanings])
 
     @property
     def channels(self) -> tuple[str, str]:
-        """Names of the two predicted channels: force, or length in an isotonic test, and diameter."""
+        """Return the two predicted channels: force, or length in an isotonic test, and diameter."""
         return self.case.recording.model_channels
 
     @property
     def n(self) -> int:
-        """Number of rows of the recording."""
+        """Return the number of rows of the recording."""
         return self.case.recording.n
 
     def index(self, name: str) -> int:

@@ -80,12 +80,12 @@ class TemplateContext:
 
     @property
     def residual(self) -> np.ndarray:
-        """(n,) Force residual of the baseline, N; zero where none was measured."""
+        """Return the (n,) force residual of the baseline, N; zero where none was measured."""
         return np.nan_to_num(self.force - self.prediction[0])
 
     @property
     def contraction(self) -> np.ndarray:
-        """(n,) 1 − L/L₀."""
+        """Return (n,) 1 − L/L₀."""
         return 1 - self.length / self.rest_length
 
 

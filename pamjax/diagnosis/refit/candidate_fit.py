@@ -43,12 +43,12 @@ class CandidateFit:
 
     @property
     def ids(self) -> tuple[str, ...]:
-        """Ids of the mechanisms."""
+        """Return the ids of the mechanisms."""
         return tuple(candidate.id for candidate in self.mechanisms)
 
     @property
     def corrected_chi2(self) -> float:
-        """Cost minus the expected χ² due to input noise; not reduced below the expected χ² of noise."""
+        """Return the cost minus the expected χ² of input noise, not below the expected χ² of noise."""
         noise_chi2 = self.noise.weight**2 * self.noise.size - len(self.estimate.free)
         return self.estimate.chi2_with_priors - min(
             self.input_noise_chi2, max(self.estimate.chi2_with_priors - noise_chi2, 0.0)
@@ -56,7 +56,7 @@ class CandidateFit:
 
     @property
     def bic(self) -> float:
-        """Bayesian information criterion: corrected χ² + ln n for each parameter that is not the baseline's.
+        """Return the Bayesian information criterion: corrected χ² + ln n for each parameter of a mechanism.
 
         The χ² of stated values in favour of a mechanism is subtracted.
         """
@@ -66,27 +66,27 @@ class CandidateFit:
 
     @property
     def full_bic(self) -> float:
-        """BIC with the log-determinant of the noise, to compare models with different noise models."""
+        """Return the BIC with the log-determinant of the noise, to compare different noise models."""
         return self.bic + self.noise.log_determinant
 
     @property
     def excess_chi2(self) -> float:
-        """χ² above its expected value for noise alone."""
+        """Return χ² above its expected value for noise alone."""
         return max(self.estimate.chi2 - self.input_noise_chi2 - self.noise.size, 0.0)
 
     @property
     def variance_inflation(self) -> float:
-        """Mean square residual of a model with systematic misfit; 1 without."""
+        """Return the mean square residual of a model with systematic misfit; 1 without."""
         return max(self.estimate.chi2 / max(self.noise.size, 1), 1.0)
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance of the free parameters, SI, (k, k)."""
+        """Return the covariance of the free parameters, SI, (k, k)."""
         return self.within_model_covariance + self.between_model_covariance
 
     @property
     def within_model_covariance(self) -> np.ndarray:
-        """Covariance within this model, SI, (k, k), without the differences between models."""
+        """Return the covariance within this model, SI, (k, k), without the differences between models."""
         inflation = compute_variance_inflation(self.estimate.residual, self.noise.starts)
         return self.estimate.compute_covariance(inflation) + np.multiply.outer(
             self.errors_in_variables_bias, self.errors_in_variables_bias

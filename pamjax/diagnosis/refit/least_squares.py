@@ -46,7 +46,7 @@ class MapEstimate:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance of the free parameters, SI, (k, k)."""
+        """Return the covariance of the free parameters, SI, (k, k)."""
         return self.compute_covariance()
 
     def compute_covariance(self, variance_inflation: float = 1.0) -> np.ndarray:
@@ -171,7 +171,7 @@ class _Evaluation:
 
     @cached_property
     def triangle(self) -> np.ndarray:
-        """(k + 1, k + 1) R of the QR decomposition of the Jacobian with the residual as last column.
+        """Return R, (k + 1, k + 1), of the QR decomposition of the Jacobian with the residual as last column.
 
         Its columns have the lengths and angles of the originals, which is all that a minimiser uses.
         The minimiser decomposes k + 1 rows instead of thousands.

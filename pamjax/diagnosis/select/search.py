@@ -65,7 +65,7 @@ class MechanismSearch:
 
     @property
     def settings(self) -> DiagnosisSettings:
-        """Thresholds of the diagnosis."""
+        """Return the thresholds of the diagnosis."""
         return self.problem.settings
 
     def score_candidates(self, fit: CandidateFit) -> list[ScoreDirection]:

@@ -76,7 +76,7 @@ class Selection:
 
     @property
     def start_values(self) -> np.ndarray:
-        """Starting values for a refit of the model, (p,), SI."""
+        """Return the starting values for a refit of the model, (p,), SI."""
         return self.model.estimate.values if self.weighted_values is None else self.weighted_values
 
 
