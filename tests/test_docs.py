@@ -87,14 +87,14 @@ def test_contributors_page_is_short():
 def test_every_entry_of_a_file_is_documented():
     from pydantic import BaseModel
 
-    from pamjax.planning import bench as means
+    from pamjax.planning import rig_capabilities
     from pamjax.records.protocol import Protocol
     from pamjax.sizing.specification import schema
 
     page = (ROOT / "docs/files.md").read_text("utf-8")
     tables = [t for t in vars(schema).values() if isinstance(t, type) and issubclass(t, BaseModel)]
     words = {name for table in (*tables, Protocol) for name in table.model_fields}
-    words |= {*means.ERROR_ENTRIES, *means.ENTRY_KINDS}
+    words |= {*rig_capabilities.ERROR_ENTRIES, *rig_capabilities.ENTRY_KINDS}
     assert len(words) > 50
     in_tables = {
         f"[{name}]" for name, field in schema.SpecEntries.model_fields.items() if f"[{name}]" in page
