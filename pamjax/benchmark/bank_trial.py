@@ -45,13 +45,13 @@ def run_bank_trial(task: TrialTask) -> Trial:
         "outside": outside[0].id if outside else "", "outside_size": outside[0].size if outside else 0.0,
     }  # fmt: skip
     try:
-        values |= compare_with_key(bank_recording, diagnose_trial(case, task))
+        values |= _compare_with_key(bank_recording, diagnose_trial(case, task))
     except Exception as error:  # a failed diagnosis is a result of the study
         values["error"] = f"{type(error).__name__}: {error}"[:300]
     return Trial(**values, seconds=round(time.process_time() - start_time, 2))
 
 
-def compare_with_key(bank_recording: BankRecording, diagnosis: Diagnosis) -> dict[str, Any]:
+def _compare_with_key(bank_recording: BankRecording, diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the fields of a trial that a diagnosis determines."""
     names = diagnosis.established_mechanisms
     concealed_ids = {effect.id for effect in bank_recording.effects if effect.in_library}
@@ -65,7 +65,7 @@ def compare_with_key(bank_recording: BankRecording, diagnosis: Diagnosis) -> dic
         "reported_ties": find_reported_ties(concealed_ids, named_ids, ties),
         "unexplained": bool(diagnosis.unexplained),
         "parameters": tuple(_compare_usual_parameters(bank_recording, diagnosis)),
-        "held_out_ratios": compute_held_out_ratios(diagnosis),
+        "held_out_ratios": _compute_held_out_ratios(diagnosis),
     }
 
 
@@ -99,7 +99,7 @@ def _compare_usual_parameters(
     return out
 
 
-def compute_held_out_ratios(diagnosis: Diagnosis) -> tuple[float, ...]:
+def _compute_held_out_ratios(diagnosis: Diagnosis) -> tuple[float, ...]:
     """Return for each established mechanism the held-out error with it over that without it.
 
     Both models are refitted without the held-out blocks. The error is the rms over force and diameter in

@@ -20,7 +20,7 @@ from pamjax.progress import Progress, ignore_progress
 
 #: One thread for each process: two processes with two threads each are slower than with one. The compiler's
 #: flags remain unchanged, because cached programs are only valid for the same flags.
-SINGLE_THREAD_ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+_SINGLE_THREAD_ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 TrialRunner = Callable[[TrialTask], Trial]
 
@@ -63,7 +63,7 @@ def _run_trials(tasks: Sequence[TrialTask], workers: int, attempt: TrialRunner) 
         return
     spawn = multiprocessing.get_context("spawn")
     with (
-        _set_environment(SINGLE_THREAD_ENVIRONMENT),
+        _set_environment(_SINGLE_THREAD_ENVIRONMENT),
         ProcessPoolExecutor(
             min(workers, len(tasks)), mp_context=spawn, initializer=_initialise_worker
         ) as pool,

@@ -33,13 +33,13 @@ from pamjax.records.case import Case
 TRIAL_KINDS = {"nothing": 0, "single": 1, "pair": 2, "triple": 3, "outside": 1}
 
 #: Stages: the whole diagnosis, or only the p-value of the baseline.
-TRIAL_STAGES = ("all", "score")
+_TRIAL_STAGES = ("all", "score")
 
 #: Range of effects, rms in noise standard deviations: just detectable to large.
-MIN_EFFECT_SD, MAX_EFFECT_SD = 3.0, 25.0
+_MIN_EFFECT_SD, _MAX_EFFECT_SD = 3.0, 25.0
 
 #: Banks of simulated recordings: effects with the equations of the fit, or in other forms.
-BANKS = ("own", "other-forms")
+_BANKS = ("own", "other-forms")
 
 #: Identifies a trial: stage, kind, correlation, index, seed, form error, bank.
 TrialKey = tuple[str, str, float, int, int, float, str]
@@ -50,14 +50,14 @@ class TrialTask:
     """Definition of a trial; the same task gives the same recording.
 
     Attributes:
-        stage: one of `TRIAL_STAGES`.
+        stage: one of `_TRIAL_STAGES`.
         kind: a key of `TRIAL_KINDS`.
         correlation: noise correlation of neighbouring samples.
         trial_index: index of the recording, from 0.
         seed: seed of the study.
         with_competitors: whether to evaluate the methods of common practice too.
         form_error: rms share by which effects deviate from their equations.
-        bank: one of `BANKS`.
+        bank: one of `_BANKS`.
     """
 
     stage: str
@@ -259,7 +259,7 @@ def draw_ground_truth(task: TrialTask) -> GroundTruth:
     rng = np.random.default_rng(words)
     return inject_effects(
         TRIAL_KINDS[task.kind], rng, setup=draw_setup(rng), unmodelled=task.kind == "outside",
-        correlation=task.correlation, smallest=MIN_EFFECT_SD, largest=MAX_EFFECT_SD,
+        correlation=task.correlation, smallest=_MIN_EFFECT_SD, largest=_MAX_EFFECT_SD,
         form_error=task.form_error, number=task.trial_index,
     )  # fmt: skip
 

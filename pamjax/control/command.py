@@ -24,7 +24,7 @@ from pamjax.control.standalone import UNCERTAINTY_TEXTS
 from pamjax.units import format_quantity
 
 #: Share of the largest value below which a number is a rounding error, and tolerance of the calibrated range.
-ZERO_SHARE, RANGE_TOLERANCE = 1e-9, 1e-3
+_ZERO_SHARE, _RANGE_TOLERANCE = 1e-9, 1e-3
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,7 @@ def _list_extrapolations(
     sentences = []
     for name, (low, high) in calibrated_range.items():
         unit, value = DISPLAY_UNIT[name], point[name]
-        if not low - RANGE_TOLERANCE * abs(low) <= value <= high * (1 + RANGE_TOLERANCE):
+        if not low - _RANGE_TOLERANCE * abs(low) <= value <= high * (1 + _RANGE_TOLERANCE):
             range_text = (
                 format_quantity(low, unit)
                 if low == high
@@ -274,13 +274,13 @@ def solve_command(
         (inverse.lengths, inverse.pressures) if length is not None else (inverse.pressures, inverse.lengths)
     )
     # A value that is only the rounding error of the root is zero.
-    value = value if abs(value) > ZERO_SHARE * value_range[1] else 0.0
+    value = value if abs(value) > _ZERO_SHARE * value_range[1] else 0.0
     p, l = (value, given_value) if length is not None else (given_value, value)
     distribution = (
         draws.compute_distribution(inverse, force, length=length, pressure=pressure) if draws else None
     )
     reached_force = float(numbers.reached_force)
-    reached_force = reached_force if abs(reached_force) > ZERO_SHARE * abs(force) else 0.0
+    reached_force = reached_force if abs(reached_force) > _ZERO_SHARE * abs(force) else 0.0
     unexplained_force = (read_unexplained_force(file, case) if file else None) or 0.0
     if distribution is not None:
         sd = math.hypot(distribution.sd, slope_by_force * unexplained_force)

@@ -21,7 +21,7 @@ from pamjax.fleet.unexplained import UnexplainedSummary, summarise_unexplained
 from pamjax.model.parameters import LENGTH_ERROR_PREFIX
 
 #: Largest p-value of a drift, after a correction for the number of distributions.
-DRIFT_P_VALUE = 0.05
+_DRIFT_P_VALUE = 0.05
 #: Days of a year, the unit of a drift with time.
 DAYS_PER_YEAR = 365.25
 
@@ -137,7 +137,7 @@ def _list_groups(fleet: Fleet) -> list[_NumberGroup]:
 def _build_distribution(group: _NumberGroup, group_count: int, bench_count: int) -> NumberDistribution:
     estimates = group.estimates
     benches = _compare_benches(estimates, group.cases["bench"].tolist())
-    order_name, order = find_order(group.cases)
+    order_name, order = _find_order(group.cases)
     drift = None
     if order is not None:
         order = estimates.average(order)
@@ -156,7 +156,7 @@ def _build_distribution(group: _NumberGroup, group_count: int, bench_count: int)
         order=order,
         order_name=order_name,
         drift=drift,
-        drifts=drift is not None and drift.p_value * group_count < DRIFT_P_VALUE,
+        drifts=drift is not None and drift.p_value * group_count < _DRIFT_P_VALUE,
     )
 
 
@@ -177,7 +177,7 @@ def _select_benches(benches: dict[str, Slope], comparisons: int) -> tuple[str, .
     return tuple(names[:1] if len(benches) == 2 else names)
 
 
-def find_order(cases: pd.DataFrame) -> tuple[str, np.ndarray | None]:
+def _find_order(cases: pd.DataFrame) -> tuple[str, np.ndarray | None]:
     """Return the name of the order of cases and its values: dates in years, else serial numbers.
 
     Args:

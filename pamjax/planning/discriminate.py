@@ -37,7 +37,7 @@ from pamjax.records.case import Case, ensure_case
 from pamjax.records.files import write_atomically
 
 #: Largest number of protocols in a summary.
-MAX_LISTED_PROTOCOLS = 6
+_MAX_LISTED_PROTOCOLS = 6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,7 +106,7 @@ class Discrimination(NotebookNote):
             lines
             + [
                 f"  {experiment.power:5.2f}  {experiment.id:<4} {experiment.protocol}"
-                for experiment in self.ranked_experiments[:MAX_LISTED_PROTOCOLS]
+                for experiment in self.ranked_experiments[:_MAX_LISTED_PROTOCOLS]
             ]
         )
 

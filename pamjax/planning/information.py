@@ -46,13 +46,13 @@ from pamjax.records.reading.muscle_toml import MuscleToml
 from pamjax.records.recording import Recording
 
 #: Number of parameter vectors at which information is evaluated.
-PRIOR_DRAW_COUNT = 9
+_PRIOR_DRAW_COUNT = 9
 
 #: Largest number of samples for the information of a run; the result is scaled to all samples.
-MAX_RUN_SAMPLES = 200
+_MAX_RUN_SAMPLES = 200
 
 #: Limit of the drawn parameter vectors, in standard deviations from the mean.
-MAX_DRAW_SD = 2.0
+_MAX_DRAW_SD = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,12 +94,12 @@ class PriorInformation:
             if n not in self.capabilities.error_sds and not is_length_error(n)
         ]
 
-    def draw_parameters(self, count: int = PRIOR_DRAW_COUNT, seed: int = 0) -> np.ndarray:
+    def draw_parameters(self, count: int = _PRIOR_DRAW_COUNT, seed: int = 0) -> np.ndarray:
         """Return parameter vectors drawn from the information, (count, p), SI; the first is the mean."""
         # A parameter without prior is drawn within its unit, not over its whole range.
         inverse = np.linalg.inv(self.matrix + np.diag(1.0 * ~np.isfinite(np.asarray(self.space.sd))))
         draws = np.random.default_rng(seed).standard_normal((count, self.mean.size))
-        draws = np.clip(_stratify_draws(draws), -MAX_DRAW_SD, MAX_DRAW_SD)
+        draws = np.clip(_stratify_draws(draws), -_MAX_DRAW_SD, _MAX_DRAW_SD)
         draws[0] = 0.0
         values = self.mean + draws @ np.linalg.cholesky(inverse).T * self.scale
         low, high = np.asarray(self.space.low), np.asarray(self.space.high)
@@ -193,7 +193,7 @@ class PriorInformation:
 
     def compute_run_information(self, runs: Sequence[PlannedRun], values: np.ndarray) -> np.ndarray:
         """Return the information of each run at given parameter values, (r, p, p)."""
-        thinned_runs = [run.select_samples(MAX_RUN_SAMPLES) for run in runs]
+        thinned_runs = [run.select_samples(_MAX_RUN_SAMPLES) for run in runs]
         label = np.concatenate([np.full(run.pressure.size, k) for k, run in enumerate(thinned_runs)])
         information = np.zeros((len(runs), *self.matrix.shape))
         if label.size:

@@ -28,7 +28,7 @@ from pamjax.records.reading.muscle_toml import MuscleToml
 from pamjax.units import compute_si_factor, format_quantity, parse_number
 
 #: Default goals, the stiffness of the threads, and the default relative precision.
-DEFAULT_GOALS, DEFAULT_PRECISION = ("thread.modulus", "thread.stiffness"), 0.05
+_DEFAULT_GOALS, _DEFAULT_PRECISION = ("thread.modulus", "thread.stiffness"), 0.05
 
 #: Goal that means all parameters of the muscle together.
 ALL_NUMBERS = "all"
@@ -282,7 +282,7 @@ def _compute_isobar_sds(prior: PriorInformation, run_menu: RunMenu, minutes: flo
 
 def _resolve_goal(own_names: list[str], goal: str | None) -> str:
     if goal is None:
-        goal = next((name for name in DEFAULT_GOALS if name in own_names), ALL_NUMBERS)
+        goal = next((name for name in _DEFAULT_GOALS if name in own_names), ALL_NUMBERS)
     if goal != ALL_NUMBERS and goal not in own_names:
         rule = f"{goal!r} is no free parameter of this muscle"
         raise refuse(rule, remedy=suggest_word(goal, [*own_names, ALL_NUMBERS]))
@@ -296,7 +296,7 @@ def _resolve_target_sd(prior: PriorInformation, goal: str, to: str | float | Non
         return 0.0
     value = abs(float(prior.mean[prior.find_index(goal)]))
     if to is None:
-        return DEFAULT_PRECISION * value
+        return _DEFAULT_PRECISION * value
     if isinstance(to, str) and to.strip().endswith("%"):
         target_sd = float(parse_number(to.strip()[:-1], "1", "`to`")) / 100 * value
     else:

@@ -44,7 +44,7 @@ ENTRY_KINDS = {
 }  # fmt: skip
 
 #: Fields of `RigCapabilities` for the entries of a rig file; the other entries have the name of their field.
-FIELDS = {
+_FIELDS = {
     "pressure": "max_pressure", "contraction": "max_contraction", "setup": "setup_seconds",
     "force": "force_sd", "diameter": "diameter_sd", "gauge": "pressure_sd", "ruler": "length_sd",
 }  # fmt: skip
@@ -53,7 +53,7 @@ FIELDS = {
 DEFAULT_CHANNEL_SDS = {"force": 2.0, "diameter": 1e-4}
 
 #: Upper limit of contraction: no muscle contracts this far.
-MAX_RIG_CONTRACTION = 0.9
+_MAX_RIG_CONTRACTION = 0.9
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class RigCapabilities:
     def keep_channel(self, channel: str) -> RigCapabilities:
         """Return the rig with one channel only, "force" or "diameter"."""
         other = {"force": "diameter", "diameter": "force"}[channel]
-        return replace(self, **{FIELDS[other]: None})
+        return replace(self, **{_FIELDS[other]: None})
 
     @property
     def channel_sds(self) -> dict[str, float | None]:
@@ -150,7 +150,7 @@ def read_capabilities(
         "pressure_sd": sensors.pressure, "max_pressure": max_recorded_pressure,
         "length_setting_sd" if sensors.length_per_setting else "length_sd": sensors.length,
     }  # fmt: skip
-    absent_channels = dict.fromkeys(FIELDS[c] for c in ("force", "diameter") if c not in recorded_channels)
+    absent_channels = dict.fromkeys(_FIELDS[c] for c in ("force", "diameter") if c not in recorded_channels)
     capabilities = replace(
         RigCapabilities(),
         **absent_channels | {name: value for name, value in stated_fields.items() if value},
@@ -166,7 +166,7 @@ def read_capabilities(
                 raise refuse(f"rig entry `{name}` needs a unit", str(value), file, f'Write "{value} {unit}".')
             error_sds[number] = parse_number(str(value), unit, f"{name} of {file}")
         elif name in ENTRY_KINDS:
-            plain_fields[FIELDS.get(name, name)] = _parse_entry(name, value, file)
+            plain_fields[_FIELDS.get(name, name)] = _parse_entry(name, value, file)
         else:
             raise refuse(
                 f"unknown rig entry {name!r}",
@@ -191,9 +191,9 @@ def _parse_entry(name: str, value: Any, file: str) -> float | None:
     if name == "minutes" and isinstance(value, str):
         value = parse_quantity(value, "time", f"{name} of {file}") / 60
     number = parse_quantity(value, ENTRY_KINDS[name], f"{name} of {file}")
-    if name == "contraction" and number >= MAX_RIG_CONTRACTION:
+    if name == "contraction" and number >= _MAX_RIG_CONTRACTION:
         raise refuse(
-            f"rig entry `contraction` must be a fraction below {MAX_RIG_CONTRACTION:g}", f"{value}", file
+            f"rig entry `contraction` must be a fraction below {_MAX_RIG_CONTRACTION:g}", f"{value}", file
         )
     if number < 0 or (number == 0 and name not in ("setup", "correlation_time")):
         raise refuse(f"rig entry `{name}` must be positive", f"{value}", file)

@@ -11,19 +11,19 @@ from pamjax.planning.rig_capabilities import RigCapabilities
 from pamjax.units import format_quantity
 
 #: Numbers of levels of pressure and of contraction.
-PRESSURE_LEVELS, CONTRACTION_LEVELS = 5, 4
+_PRESSURE_LEVELS, _CONTRACTION_LEVELS = 5, 4
 
 #: Duration of a ramp up or down, and of a hold, s.
-RAMP_SECONDS, HOLD_SECONDS = 60.0, 60.0
+_RAMP_SECONDS, _HOLD_SECONDS = 60.0, 60.0
 
 #: Independent readings of a check.
-CHECK_READINGS = 10
+_CHECK_READINGS = 10
 
 #: Strokes at each pressure in the protocol of Chambers & Wereley (2022).
 ISOBAR_CYCLES = 3
 
 #: Tension of a steel bar in a check, N.
-CHECK_FORCE = 1000.0
+_CHECK_FORCE = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class PlannedRun:
 
 def list_runs(capabilities: RigCapabilities, rest_length: float) -> list[PlannedRun]:
     """Return all runs and checks of a rig with a muscle of this rest length, m."""
-    pressures = capabilities.max_pressure * np.arange(1, PRESSURE_LEVELS + 1) / PRESSURE_LEVELS
+    pressures = capabilities.max_pressure * np.arange(1, _PRESSURE_LEVELS + 1) / _PRESSURE_LEVELS
     contractions = _contractions(capabilities)
     all_runs = [_build_stroke(capabilities, rest_length, p) for p in pressures]
     all_runs += [_build_ramp(capabilities, rest_length, c) for c in contractions]
@@ -77,7 +77,7 @@ def compute_fixed_lengths(capabilities: RigCapabilities, rest_length: float) -> 
 
 
 def _contractions(capabilities: RigCapabilities) -> np.ndarray:
-    return capabilities.max_contraction * np.arange(CONTRACTION_LEVELS) / CONTRACTION_LEVELS
+    return capabilities.max_contraction * np.arange(_CONTRACTION_LEVELS) / _CONTRACTION_LEVELS
 
 
 def _build_run(
@@ -119,7 +119,7 @@ def _build_ramp(capabilities: RigCapabilities, rest_length: float, contraction: 
     return _build_run(
         capabilities,
         description,
-        2 * RAMP_SECONDS,
+        2 * _RAMP_SECONDS,
         [(0.0, 0.0, length), (0.5, max_pressure, length), (1.0, 0.0, length)],
     )
 
@@ -129,15 +129,15 @@ def _build_hold(
 ) -> PlannedRun:
     length = rest_length * (1 - contraction)
     place = f"{contraction:.0%} contraction" if contraction else "rest length"
-    description = f"hold of {HOLD_SECONDS:.0f} s at {format_quantity(pressure, 'kPa', 3)} and {place}"
+    description = f"hold of {_HOLD_SECONDS:.0f} s at {format_quantity(pressure, 'kPa', 3)} and {place}"
     return _build_run(
-        capabilities, description, HOLD_SECONDS, [(0.0, pressure, length), (1.0, pressure, length)]
+        capabilities, description, _HOLD_SECONDS, [(0.0, pressure, length), (1.0, pressure, length)]
     )
 
 
 def _list_checks(capabilities: RigCapabilities) -> list[PlannedRun]:
     """Return the checks that measure zeros and gains of the rig without the muscle."""
-    averaging, no_samples = CHECK_READINGS**0.5, np.zeros(0)
+    averaging, no_samples = _CHECK_READINGS**0.5, np.zeros(0)
     force, diameter = capabilities.force_sd or 0.0, capabilities.diameter_sd or 0.0
     # All readings of one bar have the same length error.
     ruler = max(capabilities.length_sd / averaging, capabilities.length_setting_sd)
@@ -154,7 +154,7 @@ def _list_checks(capabilities: RigCapabilities) -> list[PlannedRun]:
             {
                 "length_offset.offset": max(ruler, GAUGE_BLOCK_SD_M),
                 "diameter_offset.offset": max(diameter / averaging, GAUGE_BLOCK_SD_M),
-                "rig_compliance.compliance": ruler / CHECK_FORCE,
+                "rig_compliance.compliance": ruler / _CHECK_FORCE,
             },
         ),
         "reading of dead weights and of a second gauge": (

@@ -19,7 +19,7 @@ from pamjax.sizing.specification.materials import list_threads
 from pamjax.sizing.specification.spec import Spec
 
 #: Threads for which the errors are reported.
-COMPARED_THREADS = ("aramid", "pet", "nylon")
+_COMPARED_THREADS = ("aramid", "pet", "nylon")
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def compute_inelastic_errors(
     spec: Spec, task: SizingTask, transfer: CalibrationTransfer, choice: Choice, seed: int
 ) -> list[InelasticError]:
     """Return the errors for aramid, polyester and nylon, with the chosen bladder and number of muscles."""
-    return [_compute_error(spec, task, transfer, choice, name, seed) for name in COMPARED_THREADS]
+    return [_compute_error(spec, task, transfer, choice, name, seed) for name in _COMPARED_THREADS]
 
 
 def _compute_error(

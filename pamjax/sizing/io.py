@@ -25,9 +25,9 @@ from pamjax.sizing.shopping import list_checks, list_parts
 from pamjax.sizing.tolerances import TOLERANCE_UNITS
 from pamjax.units import compute_si_factor, format_quantity
 
-DESIGN_SCHEMA = "pamjax.design/1"
+_DESIGN_SCHEMA = "pamjax.design/1"
 #: Start of the text on the errors of manufacture and sensors in a receipt.
-TOLERANCE_LABEL = "manufacture and sensors, one standard deviation: "
+_TOLERANCE_LABEL = "manufacture and sensors, one standard deviation: "
 
 
 def build_design_document(design: Design) -> dict[str, Any]:
@@ -35,7 +35,7 @@ def build_design_document(design: Design) -> dict[str, Any]:
     entries, choice = design.spec.entries, design.choice
     unit = OBJECTIVE_UNITS[entries.minimise]
     return {
-        "schema": DESIGN_SCHEMA,
+        "schema": _DESIGN_SCHEMA,
         "versions": {name: version(name) for name in ("pamjax", "jax", "scipy", "numpy")},
         "spec": {"name": design.spec.name, "file": design.spec.file, "sha256": _hash_text(design.spec.text)},
         "feasible": design.feasible,
@@ -199,7 +199,7 @@ def build_receipt(design: Design) -> dict[str, list[str]]:
         uncertain.append(f"thread modulus {_format_range(choice.thread.modulus, 'GPa')}")
     if design.transfer.shear is None or design.transfer.bladder != choice.bladder.name:
         uncertain.append(f"shear modulus of the rubber {_format_range(choice.bladder.modulus, 'MPa')}")
-    uncertain.append(TOLERANCE_LABEL + format_errors(design))
+    uncertain.append(_TOLERANCE_LABEL + _format_errors(design))
     sensitive = [
         f"{sensitivity.requirement.description}: 1 % relaxation reduces {entries.minimise}"
         f" by {sensitivity.percent_saved:.3g} %"
@@ -241,7 +241,7 @@ def build_receipt(design: Design) -> dict[str, list[str]]:
     }
 
 
-def format_errors(design: Design) -> str:
+def _format_errors(design: Design) -> str:
     """Return the standard deviations of the errors of manufacture, length and pressure as text."""
     errors = design.errors
     parts = {
@@ -263,7 +263,7 @@ def _format_range(known_range, unit: str) -> str:
     return f"{low:.3g} to {high:.3g} {unit}" if high > low else f"{low:.3g} {unit}, assumed exact"
 
 
-def format_muscle_toml(design: Design) -> str:
+def _format_muscle_toml(design: Design) -> str:
     """Return the muscle.toml of the chosen muscle (one of those in parallel)."""
     n, build = design.numbers, design.problem.build
     return f"""\
@@ -323,7 +323,7 @@ def build_model_document(design: Design) -> dict[str, Any]:
                 # The design is valid up to the supply pressure.
                 "calibrated": {"pressure": {"low": 0.0, "high": design.spec.supply}},
                 "muscle": {"law": "elastic", "mechanisms": ids, "numbers": numbers},
-                "muscle_toml": format_muscle_toml(design),
+                "muscle_toml": _format_muscle_toml(design),
             }
         },
     }
@@ -342,7 +342,7 @@ def save_design(design: Design, folder: Path) -> list[Path]:
         if design.feasible:
             _write_json(new_folder / "model.json", build_model_document(design))
             (new_folder / "muscle").mkdir()
-            (new_folder / "muscle" / MUSCLE_FILE).write_text(format_muscle_toml(design), encoding="utf-8")
+            (new_folder / "muscle" / MUSCLE_FILE).write_text(_format_muscle_toml(design), encoding="utf-8")
             names += ["model.json", f"muscle/{MUSCLE_FILE}"]
     return [folder / name for name in names]
 

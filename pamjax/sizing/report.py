@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from pamjax.sizing.result import Design
 
 #: Maximum number of listed sensitivities and of listed relaxations.
-MAX_SENSITIVITIES, MAX_RELAXATIONS = 3, 6
+_MAX_SENSITIVITIES, _MAX_RELAXATIONS = 3, 6
 #: Probability above which a requirement of pamjax is not listed.
-CERTAIN = 0.995
+_CERTAIN = 0.995
 #: Margin below which a requirement counts as exactly met.
-TIGHT_MARGIN = 1e-4
+_TIGHT_MARGIN = 1e-4
 
 
 def format_design_note(design: Design) -> str:
@@ -76,7 +76,7 @@ def _format_requirements(design: Design) -> list[str]:
     for requirement in design.task.requirements:
         probability = design.requirement_probabilities.get(requirement.key, 1.0)
         is_listed = requirement.stated and requirement.key != "supply"
-        if not is_listed and probability > CERTAIN:
+        if not is_listed and probability > _CERTAIN:
             continue
         margin_text = format_requirement_margin(design, requirement)
         value = format_probability_value(probability)
@@ -87,7 +87,7 @@ def _format_requirements(design: Design) -> list[str]:
 def format_requirement_margin(design: Design, requirement: Requirement) -> str:
     """Return the smallest margin of a requirement as text; of a free contraction in % contraction."""
     margin = float(requirement.compute_margins(design.outputs).min())
-    if abs(margin) < TIGHT_MARGIN:
+    if abs(margin) < _TIGHT_MARGIN:
         return "exactly met"
     stated = design.spec.entries.free_contraction
     if requirement.key == "free contraction" and stated is not None and margin > 0:
@@ -136,7 +136,7 @@ def _format_requirement_sensitivities(design: Design) -> list[str]:
     objective = design.spec.entries.minimise
     parts = [
         f"{sensitivity.requirement.description} ({sensitivity.percent_saved:.2g} %)"
-        for sensitivity in design.requirement_sensitivities[:MAX_SENSITIVITIES]
+        for sensitivity in design.requirement_sensitivities[:_MAX_SENSITIVITIES]
     ]
     return [f"  reduction of {objective} if one requirement is relaxed by 1 %: " + "; ".join(parts)]
 
@@ -150,7 +150,7 @@ def format_probability(design: Design) -> list[str]:
         )
         return [first, *_format_cost(design)]
     if design.misses_probability:
-        limit, limit_probability = find_weakest(design)
+        limit, limit_probability = _find_weakest(design)
         # The draws that select a choice are others than those of its reported probability.
         other_reaches = any(finalist.reaches(target) for finalist in design.finalists)
         subject = "the chosen muscle does not reach" if other_reaches else "no choice reaches"
@@ -165,7 +165,7 @@ def format_probability(design: Design) -> list[str]:
     ]
 
 
-def find_weakest(design: Design) -> tuple[str, float]:
+def _find_weakest(design: Design) -> tuple[str, float]:
     """Return the requirement with the smallest probability, as text, and its probability."""
     weakest_key = min(design.requirement_probabilities, key=lambda key: design.requirement_probabilities[key])
     description = next(
@@ -225,10 +225,10 @@ def _format_relaxations(design: Design) -> list[str]:
     lines = [f"  nearest choice: {design.choice}"]
     if sufficient:
         lines += ["  conflicting requirements, of which relaxing one is sufficient:"]
-        lines += [f"    {description}" for description in sufficient[:MAX_RELAXATIONS]]
+        lines += [f"    {description}" for description in sufficient[:_MAX_RELAXATIONS]]
     if insufficient or not sufficient:
         lines += [f"  {format_joint_conflict(design)}{':' if insufficient else ''}"]
-        lines += [f"    {description}" for description in insufficient[:MAX_RELAXATIONS]]
+        lines += [f"    {description}" for description in insufficient[:_MAX_RELAXATIONS]]
     return lines
 
 

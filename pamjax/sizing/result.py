@@ -25,7 +25,7 @@ from pamjax.sizing.specification.spec import Spec
 from pamjax.sizing.tolerances import BuildErrors
 
 #: Number of contractions between which the free contraction is interpolated.
-FREE_CONTRACTION_STEPS = 101
+_FREE_CONTRACTION_STEPS = 101
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -153,7 +153,7 @@ class Design(DrawableResult, NotebookNote):
     @cached_property
     def free_contraction(self) -> float:
         """Return the contraction at which the force at working pressure is zero."""
-        contraction = np.linspace(0.0, MAX_SIZING_CONTRACTION, FREE_CONTRACTION_STEPS)
+        contraction = np.linspace(0.0, MAX_SIZING_CONTRACTION, _FREE_CONTRACTION_STEPS)
         force = self.force(np.full(contraction.size, self.numbers["pressure"]), contraction)
         pulls = np.flatnonzero(force > 0)
         if not pulls.size or pulls[-1] + 1 == contraction.size:

@@ -35,7 +35,7 @@ def repeat_reading(values: np.ndarray, first: int, count: int) -> np.ndarray:
     return out
 
 
-def break_threads(path: MusclePath, compliance: float, share: float, moment: float) -> np.ndarray:
+def _break_threads(path: MusclePath, compliance: float, share: float, moment: float) -> np.ndarray:
     """Return the extension C T s/(1 − s) after a moment, when a share s of the threads carries no load.
 
     The others carry the load T, N; C is the compliance of all threads, 1/N. Zero before.
@@ -157,7 +157,7 @@ def _draw_thread_break(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
         return Effect(
             outputs=lose,
-            extension=lambda path: break_threads(path, s.braid.compliance, amplitude, moment),
+            extension=lambda path: _break_threads(path, s.braid.compliance, amplitude, moment),
         )
 
     return DrawnForm("thread_break", "step", "share", 0.5, build, {"moment": moment})

@@ -13,8 +13,8 @@ from pamjax.cli.screen import check_writable, print_json, print_text, print_writ
 from pamjax.errors import check_minimum, refuse
 
 #: Recordings of `--quick` for each noise correlation, by number of concealed effects.
-QUICK_COUNTS = {"nothing": 1, "single": 3, "pair": 1, "triple": 0, "outside": 1}
-QUICK_CORRELATIONS = (0.0, 0.9)
+_QUICK_COUNTS = {"nothing": 1, "single": 3, "pair": 1, "triple": 0, "outside": 1}
+_QUICK_CORRELATIONS = (0.0, 0.9)
 
 
 def prove(
@@ -75,7 +75,7 @@ def prove(
         raise refuse(f"`{option}` needs the bank of other forms", remedy="Add --bank other-forms.")
     correlations = tuple(correlation) if correlation else (0.0,)
     if quick:
-        counts, correlations, workers = QUICK_COUNTS, QUICK_CORRELATIONS, max(workers, 2)
+        counts, correlations, workers = _QUICK_COUNTS, _QUICK_CORRELATIONS, max(workers, 2)
     if bank == "other-forms" and (stage == "score" or form_error):
         option = "--stage score" if stage == "score" else "--form-error"
         raise refuse(f"the bank of other forms has no `{option}`", remedy="Remove the option.")

@@ -25,7 +25,7 @@ from pamjax.view.reports.sizing_receipt import build_page_receipt
 from pamjax.view.wording import capitalise_sentence
 
 #: Largest number of rows in the table of choices.
-MAX_CHOICE_ROWS = 8
+_MAX_CHOICE_ROWS = 8
 
 
 def write_design_report(design: Design, path: str | Path, command: str = "") -> Path:
@@ -253,7 +253,7 @@ def _build_choice_rows(design: Design) -> list[list[str]]:
                 f"{100 * (1 - math.exp(-result.violation)):.2g} % short",
                 "nearest" if result.problem.choice == design.choice else "",
             ]
-            for result in design.results[:MAX_CHOICE_ROWS]
+            for result in design.results[:_MAX_CHOICE_ROWS]
         ]
     unit = OBJECTIVE_UNITS[design.spec.entries.minimise]
     return [
@@ -263,5 +263,5 @@ def _build_choice_rows(design: Design) -> list[list[str]]:
             "" if math.isnan(finalist.probability) else format_probability_value(finalist.probability),
             "chosen" if finalist.result.problem.choice == design.choice else "",
         ]
-        for finalist in design.finalists[:MAX_CHOICE_ROWS]
+        for finalist in design.finalists[:_MAX_CHOICE_ROWS]
     ]
