@@ -5,10 +5,10 @@
 | held out      | the diagnosis' own blocks, inside the range         | interpolation |
 | extrapolation | the highest pressure, or the most contracted length | extrapolation |
 
-Four models are fitted without the held-out rows: the baseline, the baseline with the identified mechanisms,
-Sárosi's formula (force only), and the baseline with a Gaussian process on its residual. On the first split
-the mechanisms are selected without these rows too. On the second they are those of the diagnosis, and only
-their parameters are refitted.
+Four models are fitted without the held-out rows. These are the baseline, the baseline with the identified
+mechanisms, Sárosi's formula (force only), and the baseline with a Gaussian process on its residual. On the
+first split the mechanisms are selected without these rows too. On the second they are those of the diagnosis,
+and only their parameters are refitted.
 """
 
 from __future__ import annotations

@@ -152,8 +152,9 @@ def fit_gaylord(
 def fit_sarosi(pressure: ArrayLike, contraction: ArrayLike, force: ArrayLike) -> Sarosi:
     """Fit the six coefficients by least squares in force.
 
-    For a given c the formula is linear, so only c is searched: on a grid of both signs, then by bounded
-    minimisation around each local minimum of the grid. A search from one start often ends in a wrong minimum.
+    For a given c the formula is linear, so only c is searched. The search evaluates a grid of both signs,
+    then minimises with bounds around each local minimum of the grid. A search from one start often ends in a
+    wrong minimum.
 
     Args:
         pressure: (n,) gauge pressure, Pa.

@@ -52,8 +52,8 @@ class GroundTruth:
     Attributes:
         case: the recording and stated values, as the diagnosis reads them.
         effect_ids: ids of the injected mechanisms, or one of `_UNMODELLED_EFFECTS`.
-        effect_sizes: rms of each effect after a refit of the baseline, with all other effects present, over
-            effective noise; on the channel with the largest value.
+        effect_sizes: rms of each effect over effective noise, on the channel with the largest value. The
+            baseline is refitted, and all other effects are present.
         true_values: true value of every parameter by name, SI.
         candidates: candidate of each injected mechanism; empty for an effect outside the library.
         noise_free: (2, n) force (N) and diameter (m) without noise.

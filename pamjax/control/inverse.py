@@ -8,8 +8,8 @@ derivatives follow from the implicit function theorem:
 
 JAX computes the same derivatives, also of higher order and with respect to the muscle's parameters. The
 stiffness has the derivatives ∂²F/∂P∂L and ∂²F/∂L². Mechanisms with memory (friction, relaxation), errors of
-sensors and compliance of the rig are left out (`neglected.py`). Pressure and length are true values: the
-pressure at the inlet, before the loss by contact of the bladder; the length of the muscle without its rig.
+sensors and compliance of the rig are left out (`neglected.py`). Pressure and length are true values.
+The pressure is at the inlet, before the loss by contact of the bladder. The length is without the rig.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ from pamjax.model.mechanism import AbstractPressureLoss, AbstractRigCompliance, 
 from pamjax.model.muscle import Muscle
 from pamjax.model.status import StatusCode
 
-#: Maximum number of steps of the root search (Newton, or bisection if Newton leaves the bracket), and the
-#: step size at which it stops, as a share of the range.
+#: Maximum number of steps of the root search, and the step size at which it stops, as a share of the range.
+#: A step is Newton's, or a bisection if Newton's leaves the bracket.
 _MAX_ROOT_STEPS, _ROOT_TOLERANCE = 60, 1e-13
 
 #: Sizes of a batch of commands; other numbers of commands are divided and padded to one of them.

@@ -33,8 +33,8 @@ def extract_estimates(table: pd.DataFrame) -> tuple[pd.DataFrame, bool]:
             `number_specimens`.
 
     Returns:
-        columns `case`, `specimen`, `value` and `sd`, without numbers at a limit, without sd, or with less
-        information than a prior that was taken out; and whether specimens share a prior.
+        columns `case`, `specimen`, `value` and `sd`, and whether specimens share a prior. Numbers at a limit
+        and numbers without sd are left out, and those with less information than a prior that was taken out.
     """
     usable = table["sd"].gt(0) & np.isfinite(table["value"]) & ~table["at_limit"].fillna(False).astype(bool)
     rows = select_rows(table, usable)

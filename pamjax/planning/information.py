@@ -6,9 +6,9 @@ The information of a run is
 
 over its samples, with the exact derivatives J of force and diameter with respect to every parameter, divided
 by the effective noise of a sample. The effective noise includes the noise of pressure and length, propagated
-through the model. Sensor zeros, sensor gains and the rig compliance are parameters too. The information is
-evaluated at several parameter vectors drawn from the prior, because it depends on the parameters: a stiff
-thread stretches less, so its stiffness is harder to measure.
+through the model. Sensor zeros, sensor gains and the rig compliance are parameters too. The information
+depends on the parameters: a stiff thread stretches less, so its stiffness is harder to measure. It is
+therefore evaluated at several parameter vectors drawn from the prior.
 
 Samples are equilibria of the muscle without rubber, tapered ends and mechanisms with memory.
 

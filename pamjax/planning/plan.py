@@ -158,7 +158,7 @@ def plan(
             channels of the case.
         goal: parameter to determine, such as "thread.modulus", or "all"; None is the stiffness of the
             threads.
-        to: wanted standard deviation of the goal, "5 %" or "4 GPa" (a number: SI); None is 5 %, and the
+        to: wanted standard deviation of the goal, "5 %" or "4 GPa" (a number: SI). None is 5 %, and the
             smallest possible value for "all".
         minutes: available time, min; None uses that of the rig.
         law: thread law; None uses that of the baseline model.

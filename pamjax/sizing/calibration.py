@@ -1,8 +1,8 @@
 """Transfer of a calibrated muscle to a design: its material properties, friction and uncertainty.
 
 Not transferred: lengths and turns, which belong to the specimen, and sensor errors, which belong to the rig.
-Transferred: thread modulus, rubber, friction, crimp of the threads and taper of the ends, all as parameters
-that do not depend on the size of the muscle.
+Transferred: thread modulus, rubber, friction, crimp of the threads and taper of the ends. Their parameters do
+not depend on the size of the muscle.
 """
 
 from __future__ import annotations

@@ -180,9 +180,13 @@ def compute_outputs(
 ) -> Float[Array, " m"]:
     """Return all outputs of a candidate, (m,), in the order of `locate_output`.
 
-    At each point: force (all muscles, N), diameter (outer, m), tension (one thread, N), used (tension /
-    strength), fit (spacing / thread width), mesh (pressure / bulging pressure), strain (hoop strain of the
-    rubber / elongation at break), burst (hoop pull / thread stiffness). Then `MUSCLE_OUTPUTS`, SI.
+    The outputs at each point come first, then `MUSCLE_OUTPUTS`, SI:
+
+        force     of all muscles, N                diameter  outer, m
+        tension   of one thread, N                 used      tension / strength
+        fit       spacing / thread width           mesh      pressure / bulging pressure
+        strain    hoop strain of the rubber / elongation at break
+        burst     hoop pull / thread stiffness
     """
     rest_length, t, working_pressure = jnp.exp(c[0]), jnp.exp(c[3]), jnp.exp(c[4])
     bench = build_bench(c, build, ids, numbers).prepare()

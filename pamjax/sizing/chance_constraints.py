@@ -1,9 +1,10 @@
 """Chance constraints: a design whose requirements all hold with a required probability.
 
-Drawn: materials and friction from the posterior of a calibration, else uniformly over the range of the
-table's sources; errors of manufacture, of the set length and of the pressure (`tolerances.py`); and the model
-error of the force. The draws are of three seeds: those of the search, those that select the design, and those
-of the reported probability. The reported probability is thus computed once, from draws that no choice used.
+Materials and friction are drawn from the posterior of a calibration, else uniformly over the range of the
+table's sources. Errors of manufacture, of the set length and of the pressure (`tolerances.py`) are drawn too,
+and the model error of the force. The draws are of three seeds: those of the search, those that select the
+design, and those of the reported probability. The reported probability is thus computed once, from draws that
+no choice used.
 
 Each requirement j has a back-off b_j: its margin without errors must be at least b_j. b_j is a quantile of
 the margin's decrease over the draws. The quantile's level is the same for all requirements: the largest at

@@ -1,7 +1,7 @@
 """Discrete search after the continuous one: tubes that are sold, for the best choices of thread and rubber.
 
 Each choice is combined with each tube of its rubber. All are screened in one batched program. The
-best choices of each tube are optimised, then more choices of the best tubes, in the coordinates that remain:
+best choices of each tube are optimised, then more choices of the best tubes. The remaining coordinates are
 rest length, braid angle and pressure. Diameter and pressure do not increase with the rest length, so a muscle
 that minimises one of them uses the whole length.
 """

@@ -42,8 +42,8 @@ def plan(
 
     Args:
         muscle: case folder or muscle.toml.
-        rig: TOML file with a table [rig]: pressure, contraction, speed, rate, minutes, noise of force and
-            diameter ("none" without this sensor), and the uncertainty of sensor zeros and gains.
+        rig: TOML file with a table [rig]: pressure, contraction, speed, rate, minutes, and noise of force and
+            diameter ("none" without this sensor). It can also have the uncertainty of sensor zeros and gains.
         goal: parameter to determine, such as thread.modulus, or "all"; by default the stiffness of the
             threads.
         to: wanted standard deviation of the goal, such as "5 %" or "4 GPa"; by default "5 %".

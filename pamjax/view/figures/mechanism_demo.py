@@ -1,6 +1,6 @@
 """Simulated trial of one mechanism: the article's muscle with and without it.
 
-The muscle of Chambers & Wereley (Actuators 2022, 11, 219) with threads of 80 GPa makes strokes at three
+The muscle of Chambers & Wereley (Actuators 2022, 11, 219) has threads of 80 GPa. It makes strokes at three
 pressures, and is filled and vented at three lengths. The bench contains every mechanism of the library, all
 but one at their neutral values, so that all figures share one compiled program. A textbook form outside the
 library has a separate bench.
