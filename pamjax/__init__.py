@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from pamjax.records.simulate import simulate
     from pamjax.sizing.result import Design
     from pamjax.sizing.size import size
-    from pamjax.view.figures.of_results import list_figures, plot
+    from pamjax.view.figures.figure_names import list_figures, plot
 
 #: Time at which this process imported pamjax. This process does not run source files that are newer.
 IMPORT_TIME = time.time()
@@ -79,8 +79,8 @@ _MODULE_OF_NAME = {
     "diagnose": "pamjax.diagnosis.run",
     "validate": "pamjax.diagnosis.validate",
     "compare": "pamjax.infer.posterior.compare",
-    "plot": "pamjax.view.figures.of_results",
-    "list_figures": "pamjax.view.figures.of_results",
+    "plot": "pamjax.view.figures.figure_names",
+    "list_figures": "pamjax.view.figures.figure_names",
     "Fleet": "pamjax.fleet.fleet",
     "open_fleet": "pamjax.fleet.fleet",
 }

@@ -87,14 +87,14 @@ def test_contributors_page_is_short():
 def test_every_entry_of_a_file_is_documented():
     from pydantic import BaseModel
 
-    from pamjax.planning import bench as means
+    from pamjax.planning import rig_capabilities
     from pamjax.records.protocol import Protocol
     from pamjax.sizing.specification import schema
 
     page = (ROOT / "docs/files.md").read_text("utf-8")
     tables = [t for t in vars(schema).values() if isinstance(t, type) and issubclass(t, BaseModel)]
     words = {name for table in (*tables, Protocol) for name in table.model_fields}
-    words |= {*means.ERROR_ENTRIES, *means.ENTRY_KINDS}
+    words |= {*rig_capabilities.ERROR_ENTRIES, *rig_capabilities.ENTRY_KINDS}
     assert len(words) > 50
     in_tables = {
         f"[{name}]" for name, field in schema.SpecEntries.model_fields.items() if f"[{name}]" in page
@@ -133,6 +133,8 @@ READ = [
         for path in (*ROOT.glob("docs/*.md"), *ROOT.glob("fits/*/README.md"))
     ),
 ]
+#: Largest number of lines of the page of a fit.
+FIT_PAGE_LINES = 80
 NOTEBOOKS = sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("notebooks/*.ipynb"))
 #: Largest number of words of a sentence.
 WORDS = 25
@@ -142,6 +144,11 @@ NO_PROSE = re.compile(
 )
 #: A sentence ends at its punctuation mark, or with its list item or paragraph.
 END = re.compile(r"(?<=[.!?])[)*_\"]*\s+|\n\s*\n|\n\s*(?=[-*] |\d+\. )|\n(?=: )")
+
+
+@pytest.mark.parametrize("name", [name for name in READ if name.startswith("fits/")])
+def test_page_of_a_fit_is_short(name):
+    assert len((ROOT / name).read_text("utf-8").splitlines()) <= FIT_PAGE_LINES
 
 
 def too_long(text):

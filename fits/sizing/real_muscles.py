@@ -110,8 +110,8 @@ def build_spec(muscle: RealMuscle, is_free: bool) -> dict[str, Any]:
 
 def format_row(muscle: RealMuscle) -> str:
     """Return the row of a muscle in the table of the README."""
-    own = pamjax.size(build_spec(muscle, False), margins=False, stock=False, starts=2)
-    free = pamjax.size(build_spec(muscle, True), margins=False, starts=2)
+    own = pamjax.size(build_spec(muscle, False), inelastic_and_front=False, stock=False, starts=2)
+    free = pamjax.size(build_spec(muscle, True), inelastic_and_front=False, starts=2)
     cells = [
         muscle.name,
         f"{1e3 * muscle.diameter:.1f} mm, {muscle.angle:.0f}°",

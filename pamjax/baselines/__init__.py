@@ -1,1 +1,1 @@
-"""Baselines of common practice to compare a diagnosis with: formulas, a Gaussian process, stepwise BIC."""
+"""Competitors of a diagnosis in common practice: empirical formulas, a Gaussian process and stepwise BIC."""

@@ -5,10 +5,10 @@
 | held out      | the diagnosis' own blocks, inside the range         | interpolation |
 | extrapolation | the highest pressure, or the most contracted length | extrapolation |
 
-Four models are fitted without the held-out rows: the baseline, the baseline with the identified mechanisms,
-Sárosi's formula (force only), and the baseline with a Gaussian process on its residual. On the first split
-the mechanisms are selected without these rows too. On the second they are those of the diagnosis, and only
-their parameters are refitted.
+Four models are fitted without the held-out rows. These are the baseline, the baseline with the identified
+mechanisms, Sárosi's formula (force only), and the baseline with a Gaussian process on its residual. On the
+first split the mechanisms are selected without these rows too. On the second they are those of the diagnosis,
+and only their parameters are refitted.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from pamjax.records.files import write_atomically
 from pamjax.records.levels import assign_levels, find_levels
 from pamjax.units import format_quantity
 
-GAIN_SCHEMA = "pamjax.gain/1"
+_GAIN_SCHEMA = "pamjax.gain/1"
 
-HELD_OUT_SPLIT, EXTRAPOLATION_SPLIT = "held out", "extrapolation"
+_HELD_OUT_SPLIT, _EXTRAPOLATION_SPLIT = "held out", "extrapolation"
 BASELINE_MODEL, SELECTED_MODEL, SAROSI_MODEL, GAUSSIAN_PROCESS_MODEL = (
     "baseline",
     "named",
@@ -53,9 +53,11 @@ MODEL_TITLES = {
 }
 
 #: Smallest number of settings for a test of extrapolation.
-MIN_SETTINGS_FOR_EXTRAPOLATION = 3
+_MIN_SETTINGS_FOR_EXTRAPOLATION = 3
+#: Smallest number of samples for a Gaussian process.
+_MIN_GP_SAMPLES = 3
 #: Share of the range of lengths that is held out if the recording has no separate settings.
-EXTRAPOLATION_RANGE_SHARE = 0.2
+_EXTRAPOLATION_RANGE_SHARE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +89,7 @@ class ModelComparison:
     def as_dict(self) -> dict[str, Any]:
         """Return the comparison as it is written to gain.json."""
         return {
-            "schema": GAIN_SCHEMA,
+            "schema": _GAIN_SCHEMA,
             "noise": {c: {"sd": to_display(c, v), "unit": DISPLAY_UNIT[c]} for c, v in self.noise_sd.items()},
             "splits": [
                 {
@@ -113,7 +115,7 @@ class ModelComparison:
                 models = [
                     m
                     for m in split.rmse
-                    if split.name != HELD_OUT_SPLIT or m in (SAROSI_MODEL, GAUSSIAN_PROCESS_MODEL)
+                    if split.name != _HELD_OUT_SPLIT or m in (SAROSI_MODEL, GAUSSIAN_PROCESS_MODEL)
                 ]
                 scores = [_format_rmse(split, m, channel) for m in models if channel in split.rmse[m]]
                 if scores:
@@ -124,7 +126,7 @@ class ModelComparison:
 
 
 def _format_split(split: ComparisonSplit) -> str:
-    if split.name == HELD_OUT_SPLIT:
+    if split.name == _HELD_OUT_SPLIT:
         return "same held-out rows"
     return f"rmse after fits without {split.rows_description}"
 
@@ -157,14 +159,14 @@ def compare_models(diagnosis: Diagnosis, seed: int = 0) -> ModelComparison | Non
         rows = errors.blocks.split(": ")[-1]
         splits.append(
             _evaluate_split(
-                diagnosis, HELD_OUT_SPLIT, rows, errors.held_out, errors.before, errors.after, seed
+                diagnosis, _HELD_OUT_SPLIT, rows, errors.held_out, errors.before, errors.after, seed
             )
         )
     extrapolation_rows, words = find_extrapolation_rows(problem)
     if extrapolation_rows.any():
         before, after = _predict_without_rows(diagnosis, extrapolation_rows)
         splits.append(
-            _evaluate_split(diagnosis, EXTRAPOLATION_SPLIT, words, extrapolation_rows, before, after, seed)
+            _evaluate_split(diagnosis, _EXTRAPOLATION_SPLIT, words, extrapolation_rows, before, after, seed)
         )
     noise = {}
     for c, channel in enumerate(CHANNELS):
@@ -183,15 +185,15 @@ def find_extrapolation_rows(problem: LibraryProblem) -> tuple[np.ndarray, str]:
             measured_rows, assign_levels(channel, levels := find_levels(channel, recording.has_time)), -1
         )
         settings = np.unique(label[label >= 0])
-        if settings.size >= MIN_SETTINGS_FOR_EXTRAPOLATION:
+        if settings.size >= _MIN_SETTINGS_FOR_EXTRAPOLATION:
             last = end(settings.tolist())
             kind = "the highest isobar" if unit == "kPa" else "the most contracted length"
             return label == last, f"{kind}, {format_quantity(float(levels[last]), unit, 3)}"
     low, high = (
         np.nanquantile(recording.length[measured_rows], [0.0, 1.0]) if measured_rows.any() else (0.0, 0.0)
     )
-    short = measured_rows & (recording.length < low + EXTRAPOLATION_RANGE_SHARE * (high - low))
-    return short, f"lengths below {format_quantity(low + EXTRAPOLATION_RANGE_SHARE * (high - low), 'mm', 3)}"
+    short = measured_rows & (recording.length < low + _EXTRAPOLATION_RANGE_SHARE * (high - low))
+    return short, f"lengths below {format_quantity(low + _EXTRAPOLATION_RANGE_SHARE * (high - low), 'mm', 3)}"
 
 
 def _predict_without_rows(diagnosis: Diagnosis, held_out_rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -239,7 +241,7 @@ def _evaluate_split(
 
 
 def _has_enough_samples(residual: np.ndarray, training_rows: np.ndarray) -> bool:
-    return int(np.count_nonzero(np.isfinite(residual) & training_rows)) >= MIN_SETTINGS_FOR_EXTRAPOLATION
+    return int(np.count_nonzero(np.isfinite(residual) & training_rows)) >= _MIN_GP_SAMPLES
 
 
 def _predict_sarosi(problem: LibraryProblem, training_rows: np.ndarray) -> tuple[np.ndarray, str]:

@@ -21,7 +21,7 @@ Vector = NDArray[np.float64]
 
 #: Range of |c| × (span of contraction) that is searched. Below it the exponential is a parabola to 1 %,
 #: above it a step that affects only the last length.
-MIN_EXPONENT_SPAN, MAX_EXPONENT_SPAN = 0.02, 50.0
+_MIN_EXPONENT_SPAN, _MAX_EXPONENT_SPAN = 0.02, 50.0
 
 
 @dataclass(frozen=True)
@@ -152,8 +152,9 @@ def fit_gaylord(
 def fit_sarosi(pressure: ArrayLike, contraction: ArrayLike, force: ArrayLike) -> Sarosi:
     """Fit the six coefficients by least squares in force.
 
-    For a given c the formula is linear, so only c is searched: on a grid of both signs, then by bounded
-    minimisation around each local minimum of the grid. A search from one start often ends in a wrong minimum.
+    For a given c the formula is linear, so only c is searched. The search evaluates a grid of both signs,
+    then minimises with bounds around each local minimum of the grid. A search from one start often ends in a
+    wrong minimum.
 
     Args:
         pressure: (n,) gauge pressure, Pa.
@@ -177,8 +178,8 @@ def _search_exponent(p: Vector, k: Vector, force: Vector) -> tuple[float, bool]:
     """Return the c with the smallest misfit, and whether it is at a bound of the search range."""
     span = np.ptp(k)
     # If all contractions are close together and far from zero, exp(c κ) must not overflow.
-    high = min(MAX_EXPONENT_SPAN, 300 * span / np.abs(k).max())
-    sizes = np.linspace(np.log(MIN_EXPONENT_SPAN), np.log(high), 60)
+    high = min(_MAX_EXPONENT_SPAN, 300 * span / np.abs(k).max())
+    sizes = np.linspace(np.log(_MIN_EXPONENT_SPAN), np.log(high), 60)
     sides = []
     for sign in (-1.0, 1.0):
 

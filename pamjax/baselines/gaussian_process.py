@@ -20,16 +20,16 @@ from pamjax.diagnosis.detect.regions import SHORTENING, build_axes
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 
 #: Largest number of training rows, evenly selected: the cost grows with their cube.
-MAX_TRAINING_ROWS = 300
+_MAX_TRAINING_ROWS = 300
 
 #: Limits of its length scales, in standard deviations of an input.
-MIN_LENGTH_SCALE, MAX_LENGTH_SCALE = 0.03, 100.0
+_MIN_LENGTH_SCALE, _MAX_LENGTH_SCALE = 0.03, 100.0
 
 #: A channel moves if its rate is above this share of the 95 % quantile of rates.
-MIN_RATE_SHARE = 0.05
+_MIN_RATE_SHARE = 0.05
 
 #: Smallest ratio of speeds with which speed is an input.
-MIN_SPEED_RATIO_FOR_INPUT = 1.5
+_MIN_SPEED_RATIO_FOR_INPUT = 1.5
 
 
 def build_inputs(problem: LibraryProblem) -> np.ndarray:
@@ -44,7 +44,7 @@ def build_inputs(problem: LibraryProblem) -> np.ndarray:
     )
     columns = [axes.pressure, axes.contraction, direction]
     speeds = np.abs(rate)[direction != 0]
-    if speeds.size and np.quantile(speeds, 0.9) > MIN_SPEED_RATIO_FOR_INPUT * np.quantile(speeds, 0.3):
+    if speeds.size and np.quantile(speeds, 0.9) > _MIN_SPEED_RATIO_FOR_INPUT * np.quantile(speeds, 0.3):
         columns.append(np.arcsinh(np.abs(rate) / max(float(np.median(speeds)), 1e-300)))
     varying_columns = [c for c in columns if np.nanstd(c) > 0]
     return np.stack([(c - np.nanmean(c)) / np.nanstd(c) for c in varying_columns], axis=1)
@@ -52,7 +52,7 @@ def build_inputs(problem: LibraryProblem) -> np.ndarray:
 
 def _compute_rate_sign(rate: np.ndarray) -> np.ndarray:
     high_rate = float(np.nanquantile(np.abs(rate), 0.95)) if rate.size else 0.0
-    return np.where(np.abs(rate) > MIN_RATE_SHARE * high_rate, np.sign(rate), 0.0)
+    return np.where(np.abs(rate) > _MIN_RATE_SHARE * high_rate, np.sign(rate), 0.0)
 
 
 def find_widest_gap(values: np.ndarray) -> float:
@@ -65,7 +65,9 @@ def find_widest_gap(values: np.ndarray) -> float:
     """
     return float(
         np.clip(
-            np.max(np.diff(np.sort(values)), initial=MIN_LENGTH_SCALE), MIN_LENGTH_SCALE, MAX_LENGTH_SCALE / 2
+            np.max(np.diff(np.sort(values)), initial=_MIN_LENGTH_SCALE),
+            _MIN_LENGTH_SCALE,
+            _MAX_LENGTH_SCALE / 2,
         )
     )
 
@@ -91,10 +93,10 @@ def predict_discrepancy(
 
     complete_rows = np.all(np.isfinite(x), axis=1)
     rows = np.flatnonzero(training_rows & complete_rows & np.isfinite(residual))
-    rows = rows[np.unique(np.linspace(0, rows.size - 1, min(MAX_TRAINING_ROWS, rows.size)).astype(int))]
+    rows = rows[np.unique(np.linspace(0, rows.size - 1, min(_MAX_TRAINING_ROWS, rows.size)).astype(int))]
     out = np.full(residual.size, np.nan)
     residual_rms = float(np.sqrt(np.mean(residual[rows] ** 2))) or 1.0
-    length_scale_bounds = [(find_widest_gap(x[rows, k]), MAX_LENGTH_SCALE) for k in range(x.shape[1])]
+    length_scale_bounds = [(find_widest_gap(x[rows, k]), _MAX_LENGTH_SCALE) for k in range(x.shape[1])]
     start = np.clip(1.0, *np.array(length_scale_bounds).T)
     kernel = ConstantKernel(1.0, (1e-4, 1e4)) * RBF(cast(Any, start), cast(Any, length_scale_bounds))
     process = GaussianProcessRegressor(

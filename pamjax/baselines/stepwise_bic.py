@@ -29,7 +29,7 @@ from pamjax.diagnosis.select.neighbour_fits import shortlist_candidates
 from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Largest number of mechanisms, refits in each step, and evaluations of a refit.
-MAX_STEPWISE_MECHANISMS, TRIALS_PER_STEP, STEPWISE_EVALUATIONS = 6, 2, 15
+_MAX_STEPWISE_MECHANISMS, _TRIALS_PER_STEP, _STEPWISE_EVALUATIONS = 6, 2, 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +59,10 @@ def select_by_bic(problem: LibraryProblem, training_rows: np.ndarray) -> Stepwis
     noise = _remove_correlation(estimate_noise(problem, estimate.values, training_rows))
     estimate = fit_parameters(problem, noise, baseline_indices, estimate.values)
     mechanisms: list[Candidate] = []
-    while len(mechanisms) < MAX_STEPWISE_MECHANISMS:
+    while len(mechanisms) < _MAX_STEPWISE_MECHANISMS:
         score_directions = compute_score_directions(problem, noise, estimate, candidates)
         shortlist = shortlist_candidates(
-            score_directions, [candidate.id for candidate in mechanisms], TRIALS_PER_STEP
+            score_directions, [candidate.id for candidate in mechanisms], _TRIALS_PER_STEP
         )
         trials = [
             (s.candidate, _fit_with_candidate(problem, noise, estimate, baseline_indices, mechanisms, s))
@@ -100,4 +100,4 @@ def _fit_with_candidate(
     start = switch_on_candidate(problem, estimate.values, direction.candidate, direction.amplitudes)
     names = [name for candidate in (*mechanisms, direction.candidate) for name in candidate.free_parameters]
     free = sorted({*baseline_indices, *(problem.index(name) for name in names)})
-    return fit_parameters(problem, noise, free, start, STEPWISE_EVALUATIONS)
+    return fit_parameters(problem, noise, free, start, _STEPWISE_EVALUATIONS)

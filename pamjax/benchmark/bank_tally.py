@@ -10,7 +10,7 @@ from pamjax.benchmark.tally import compute_coverage, compute_reliability
 from pamjax.benchmark.trial import Trial
 
 #: Edges of the classes of sizes, in noise standard deviations.
-SIZE_CLASS_EDGES = (2.0, 5.0, 10.0, 30.0)
+_SIZE_CLASS_EDGES = (2.0, 5.0, 10.0, 30.0)
 
 
 def tabulate_bank(trials: Sequence[Trial]) -> list[TableLine]:
@@ -129,7 +129,7 @@ def _tabulate_details(trials: Sequence[Trial]) -> list[TableLine]:
     ]
     lines = [
         build_rate_line(f"effects of {low:g} to {high:g} sd named", _select_sizes(hits, low, high))
-        for low, high in pairwise(SIZE_CLASS_EDGES)
+        for low, high in pairwise(_SIZE_CLASS_EDGES)
     ]
     for id in sorted({id for id, _, _ in hits}):
         lines.append(build_rate_line(f"{id} named", [hit for other, _, hit in hits if other == id]))
@@ -142,8 +142,8 @@ def _tabulate_details(trials: Sequence[Trial]) -> list[TableLine]:
 
 def _select_sizes(hits: Iterable[tuple[str, float, bool]], low: float, high: float) -> list[bool]:
     # Sizes meet their targets within some percent: the outer classes are open.
-    least = -1.0 if low == SIZE_CLASS_EDGES[0] else low
-    most = float("inf") if high == SIZE_CLASS_EDGES[-1] else high
+    least = -1.0 if low == _SIZE_CLASS_EDGES[0] else low
+    most = float("inf") if high == _SIZE_CLASS_EDGES[-1] else high
     return [hit for _, size, hit in hits if least <= size < most]
 
 

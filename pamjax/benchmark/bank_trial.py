@@ -24,7 +24,7 @@ from pamjax.records.blocks import find_blocks
 
 def draw_task_recording(task: TrialTask) -> BankRecording:
     """Draw the recording of a task; the same task gives the same recording."""
-    words = [task.seed, list(BANK_KINDS).index(task.kind), task.number, round(1e3 * task.correlation)]
+    words = [task.seed, list(BANK_KINDS).index(task.kind), task.trial_index, round(1e3 * task.correlation)]
     return draw_bank_recording(task.kind, task.correlation, np.random.default_rng(words))
 
 
@@ -32,12 +32,12 @@ def run_bank_trial(task: TrialTask) -> Trial:
     """Simulate the recording of a task, diagnose it, and compare with what it conceals."""
     start_time = time.process_time()
     bank_recording = draw_task_recording(task)
-    case = build_bank_case(bank_recording, f"{task.kind}-{task.number}")
+    case = build_bank_case(bank_recording, f"{task.kind}-{task.trial_index}")
     mechanisms = [effect for effect in bank_recording.effects if effect.in_library]
     outside = [effect for effect in bank_recording.effects if not effect.in_library]
     values: dict[str, Any] = {
-        "stage": task.stage, "kind": task.kind, "correlation": task.correlation, "number": task.number,
-        "seed": task.seed, "bank": task.bank, "law": case.entry.baseline,
+        "stage": task.stage, "kind": task.kind, "correlation": task.correlation,
+        "trial_index": task.trial_index, "seed": task.seed, "bank": task.bank, "law": case.entry.baseline,
         "blocks": find_blocks(case.recording).kind, "misstated": bank_recording.misstated,
         "concealed": tuple(effect.id for effect in mechanisms),
         "forms": tuple(effect.form for effect in mechanisms),
@@ -45,13 +45,13 @@ def run_bank_trial(task: TrialTask) -> Trial:
         "outside": outside[0].id if outside else "", "outside_size": outside[0].size if outside else 0.0,
     }  # fmt: skip
     try:
-        values |= compare_with_key(bank_recording, diagnose_trial(case, task))
+        values |= _compare_with_key(bank_recording, diagnose_trial(case, task))
     except Exception as error:  # a failed diagnosis is a result of the study
         values["error"] = f"{type(error).__name__}: {error}"[:300]
     return Trial(**values, seconds=round(time.process_time() - start_time, 2))
 
 
-def compare_with_key(bank_recording: BankRecording, diagnosis: Diagnosis) -> dict[str, Any]:
+def _compare_with_key(bank_recording: BankRecording, diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the fields of a trial that a diagnosis determines."""
     names = diagnosis.established_mechanisms
     concealed_ids = {effect.id for effect in bank_recording.effects if effect.in_library}
@@ -62,19 +62,19 @@ def compare_with_key(bank_recording: BankRecording, diagnosis: Diagnosis) -> dic
         "named": named_ids,
         "ties": ties,
         "probabilities": tuple(float(name.probability) for name in names),
-        "stand_ins": find_ties(concealed_ids, named_ids, ties),
+        "reported_ties": find_reported_ties(concealed_ids, named_ids, ties),
         "unexplained": bool(diagnosis.unexplained),
-        "numbers": tuple(_compare_usual_parameters(bank_recording, diagnosis)),
-        "held_out_ratios": compute_held_out_ratios(diagnosis),
+        "parameters": tuple(_compare_usual_parameters(bank_recording, diagnosis)),
+        "held_out_ratios": _compute_held_out_ratios(diagnosis),
     }
 
 
-def find_ties(
+def find_reported_ties(
     concealed_ids: set[str], named_ids: tuple[str, ...], ties: tuple[tuple[str, ...], ...]
 ) -> tuple[tuple[str, str], ...]:
     """Return the (concealed, named) pairs of ids in which the concealed one is a tie of the named one.
 
-    >>> find_ties({"force_gain"}, ("pressure_gain", "end_taper"), (("force_gain",), ()))
+    >>> find_reported_ties({"force_gain"}, ("pressure_gain", "end_taper"), (("force_gain",), ()))
     (('force_gain', 'pressure_gain'),)
     """
     return tuple(
@@ -99,7 +99,7 @@ def _compare_usual_parameters(
     return out
 
 
-def compute_held_out_ratios(diagnosis: Diagnosis) -> tuple[float, ...]:
+def _compute_held_out_ratios(diagnosis: Diagnosis) -> tuple[float, ...]:
     """Return for each established mechanism the held-out error with it over that without it.
 
     Both models are refitted without the held-out blocks. The error is the rms over force and diameter in

@@ -30,19 +30,19 @@ from pamjax.records.recording import Recording
 from pamjax.records.simulate import draw_ar1_noise
 
 #: Effects outside the library: an obstacle, a load cell that clips, a ripple on the force.
-UNMODELLED_EFFECTS = ("obstacle", "clipping", "ripple")
+_UNMODELLED_EFFECTS = ("obstacle", "clipping", "ripple")
 
 #: Mechanisms of sensors.
-SENSOR_MECHANISMS = {kind.id for kind in MECHANISMS if issubclass(kind, AbstractSensor)}
+_SENSOR_MECHANISMS = {kind.id for kind in MECHANISMS if issubclass(kind, AbstractSensor)}
 
 #: Iterations to scale an amplitude to the target size of its effect.
-AMPLITUDE_ROUNDS = 4
+_AMPLITUDE_ROUNDS = 4
 
 #: Standard deviation of ln(shape parameter) around its starting value.
-LOG_SHAPE_SD = 0.3
+_LOG_SHAPE_SD = 0.3
 
 #: Smallest effect over its target size, at the limits of its parameters. Below it another mechanism is drawn.
-MIN_EFFECT_SHARE = 0.7
+_MIN_EFFECT_SHARE = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +51,9 @@ class GroundTruth:
 
     Attributes:
         case: the recording and stated values, as the diagnosis reads them.
-        effect_ids: ids of the injected mechanisms, or one of `UNMODELLED_EFFECTS`.
-        effect_sizes: rms of each effect after a refit of the baseline, with all other effects present, over
-            effective noise; on the channel with the largest value.
+        effect_ids: ids of the injected mechanisms, or one of `_UNMODELLED_EFFECTS`.
+        effect_sizes: rms of each effect over effective noise, on the channel with the largest value. The
+            baseline is refitted, and all other effects are present.
         true_values: true value of every parameter by name, SI.
         candidates: candidate of each injected mechanism; empty for an effect outside the library.
         noise_free: (2, n) force (N) and diameter (m) without noise.
@@ -100,7 +100,7 @@ def inject_effects(
             continue
         target_size = math.exp(rng.uniform(math.log(smallest), math.log(largest)))
         trial, effect, noise_sd = _scale_to_size(problem, values, candidate, target_size, rng)
-        if _compute_largest_rms(effect, noise_sd) > MIN_EFFECT_SHARE * target_size:
+        if _compute_largest_rms(effect, noise_sd) > _MIN_EFFECT_SHARE * target_size:
             values = trial
             mechanisms.append(candidate)
     prediction = problem.predict(values)
@@ -108,7 +108,7 @@ def inject_effects(
     effects, sizes = _compute_separate_effects(problem, values, mechanisms)
     ids = tuple(candidate.id for candidate in mechanisms)
     if unmodelled:
-        ids = (str(rng.choice(UNMODELLED_EFFECTS)),)
+        ids = (str(rng.choice(_UNMODELLED_EFFECTS)),)
         target_size = math.exp(rng.uniform(math.log(smallest), math.log(largest)))
         effects, sizes = _add_unmodelled_effect(problem, values, ids[0], target_size, rng)
         prediction += effects[0]
@@ -182,7 +182,7 @@ def _scale_to_size(
     }
     scale = 0.002
     trial, effect, noise_sd = start_values, np.full((2, problem.n), np.nan), np.ones((2, problem.n))
-    for _ in range(AMPLITUDE_ROUNDS):
+    for _ in range(_AMPLITUDE_ROUNDS):
         trial = start_values.copy()
         for k, amplitude in zip(indices, scale * along, strict=True):
             inside = 0.02 * (problem.high[k] - problem.low[k])
@@ -212,7 +212,7 @@ def _draw_shape(
         drawn_value = (
             value + problem.prior_sd[k] * deviate
             if math.isfinite(problem.prior_sd[k])
-            else value * math.exp(LOG_SHAPE_SD * deviate)
+            else value * math.exp(_LOG_SHAPE_SD * deviate)
         )
         out[k] = np.clip(drawn_value, low + edge, high - edge)
     return out
@@ -274,7 +274,7 @@ def _draw_form_error(
     """
     out = np.zeros((2, problem.n))
     for candidate in mechanisms if share else []:
-        if candidate.id not in SENSOR_MECHANISMS:
+        if candidate.id not in _SENSOR_MECHANISMS:
             effect = problem.predict(values) - problem.predict(remove_amplitudes(problem, values, candidate))
             out += share * _draw_smooth_surface(problem.case.recording, rng) * effect
     return out
@@ -307,7 +307,7 @@ def _add_unmodelled_effect(
     pattern[0] = _draw_unmodelled_pattern(kind, problem.case, plain[0], rng)
     is_measured = np.isfinite(problem.measured)
     scale, size = (problem.case.entry.sensors.force or 1.0) / max(float(np.std(pattern[0])), 1e-12), 0.0
-    for _ in range(AMPLITUDE_ROUNDS):
+    for _ in range(_AMPLITUDE_ROUNDS):
         prediction = np.where(is_measured, plain + scale * pattern, np.nan)
         as_measured = dataclasses.replace(problem, measured=prediction)
         noise = estimate_noise(as_measured, values, np.ones(problem.n, dtype=bool))

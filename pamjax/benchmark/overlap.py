@@ -16,14 +16,18 @@ from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, RecordingAx
 from pamjax.infer.problem.dataset import CHANNELS
 
 #: Share of a squared effect outside a box at each end, and smallest share for a direction of motion.
-TRUE_BOX_TAIL_SHARE, MIN_TRUE_DIRECTION_SHARE = 0.05, 0.15
+_TRUE_BOX_TAIL_SHARE, _MIN_TRUE_DIRECTION_SHARE = 0.05, 0.15
 #: Smallest rms on a channel over the largest, for a box on that channel.
-MIN_TRUE_BOX_RMS_RATIO = 0.5
+_MIN_TRUE_BOX_RMS_RATIO = 0.5
 #: Intervals shorter than this share of the recorded range are widened to it, so that points can match.
-MIN_INTERVAL_SHARE = 0.02
+_MIN_INTERVAL_SHARE = 0.02
 
-DIRECTION_SETS = {"shortening": {SHORTENING}, "lengthening": {LENGTHENING}, "both": {SHORTENING, LENGTHENING}}
-BOX_AXES = ("pressure", "contraction", "time")
+_DIRECTION_SETS = {
+    "shortening": {SHORTENING},
+    "lengthening": {LENGTHENING},
+    "both": {SHORTENING, LENGTHENING},
+}
+_BOX_AXES = ("pressure", "contraction", "time")
 
 
 def compute_true_boxes(axes: RecordingAxes, effects: np.ndarray, noise: np.ndarray) -> list[Box]:
@@ -43,19 +47,19 @@ def compute_true_boxes(axes: RecordingAxes, effects: np.ndarray, noise: np.ndarr
             for channel_square, sample_count in zip(square, measured, strict=True)
         ]
         for c, size in enumerate(sizes):
-            if size > 0 and size >= MIN_TRUE_BOX_RMS_RATIO * max(sizes):
+            if size > 0 and size >= _MIN_TRUE_BOX_RMS_RATIO * max(sizes):
                 boxes.append(_build_true_box(axes, CHANNELS[c], square[c]))
     return boxes
 
 
 def _build_true_box(axes: RecordingAxes, channel: str, square: np.ndarray) -> Box:
-    spans = [_compute_middle_range(getattr(axes, axis), square) for axis in BOX_AXES]
+    spans = [_compute_middle_range(getattr(axes, axis), square) for axis in _BOX_AXES]
     moving = {way: float(square[axes.direction == way].sum()) for way in (SHORTENING, LENGTHENING)}
     direction, both = "both", sum(moving.values())
     if both >= 0.5 * square.sum():
-        if moving[SHORTENING] < MIN_TRUE_DIRECTION_SHARE * both:
+        if moving[SHORTENING] < _MIN_TRUE_DIRECTION_SHARE * both:
             direction = "lengthening"
-        elif moving[LENGTHENING] < MIN_TRUE_DIRECTION_SHARE * both:
+        elif moving[LENGTHENING] < _MIN_TRUE_DIRECTION_SHARE * both:
             direction = "shortening"
     return Box(channel, direction, spans[0], spans[1], spans[2], 1.0, "")
 
@@ -65,7 +69,7 @@ def _compute_middle_range(values: np.ndarray, weights: np.ndarray) -> tuple[floa
     share = np.cumsum(weights[order]) / weights.sum()
     low, high = (
         min(int(np.searchsorted(share, edge)), order.size - 1)
-        for edge in (TRUE_BOX_TAIL_SHARE, 1 - TRUE_BOX_TAIL_SHARE)
+        for edge in (_TRUE_BOX_TAIL_SHARE, 1 - _TRUE_BOX_TAIL_SHARE)
     )
     return float(values[order][low]), float(values[order][high])
 
@@ -84,34 +88,34 @@ def compute_blind_overlap(axes: RecordingAxes, boxes: Sequence[Box]) -> float:
 
 
 def _compute_domain(axes: RecordingAxes) -> dict[str, tuple[float, float]]:
-    return {axis: (float(np.min(v)), float(np.max(v))) for axis in BOX_AXES for v in (getattr(axes, axis),)}
+    return {axis: (float(np.min(v)), float(np.max(v))) for axis in _BOX_AXES for v in (getattr(axes, axis),)}
 
 
 def _compute_box_overlap(claim: Box, other: Box, domain: dict[str, tuple[float, float]]) -> float:
     if claim.channel != other.channel:
         return 0.0
     shared_count, total_count = (
-        len(f(DIRECTION_SETS[claim.direction], DIRECTION_SETS[other.direction]))
+        len(f(_DIRECTION_SETS[claim.direction], _DIRECTION_SETS[other.direction]))
         for f in (set.__and__, set.__or__)
     )
     out = shared_count / total_count
     for axis, (low, high) in domain.items():
-        out *= compute_interval_overlap(
-            getattr(claim, axis), getattr(other, axis), MIN_INTERVAL_SHARE * (high - low)
+        out *= _compute_interval_overlap(
+            getattr(claim, axis), getattr(other, axis), _MIN_INTERVAL_SHARE * (high - low)
         )
     return out
 
 
-def compute_interval_overlap(
+def _compute_interval_overlap(
     claim: tuple[float, float], other: tuple[float, float], min_length: float
 ) -> float:
     """Return intersection over union of two intervals, widened to `min_length`.
 
-    >>> compute_interval_overlap((0.0, 2.0), (1.0, 3.0), 0.01)
+    >>> _compute_interval_overlap((0.0, 2.0), (1.0, 3.0), 0.01)
     0.3333333333333333
-    >>> compute_interval_overlap((1.0, 1.0), (1.0, 1.0), 0.01)
+    >>> _compute_interval_overlap((1.0, 1.0), (1.0, 1.0), 0.01)
     1.0
-    >>> compute_interval_overlap((0.0, 1.0), (2.0, 3.0), 0.01)
+    >>> _compute_interval_overlap((0.0, 1.0), (2.0, 3.0), 0.01)
     0.0
     """
     (a, b), (c, d) = _widen_interval(claim, min_length), _widen_interval(other, min_length)

@@ -20,7 +20,7 @@ from pamjax.progress import Progress, ignore_progress
 
 #: One thread for each process: two processes with two threads each are slower than with one. The compiler's
 #: flags remain unchanged, because cached programs are only valid for the same flags.
-SINGLE_THREAD_ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+_SINGLE_THREAD_ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 TrialRunner = Callable[[TrialTask], Trial]
 
@@ -63,7 +63,7 @@ def _run_trials(tasks: Sequence[TrialTask], workers: int, attempt: TrialRunner) 
         return
     spawn = multiprocessing.get_context("spawn")
     with (
-        _set_environment(SINGLE_THREAD_ENVIRONMENT),
+        _set_environment(_SINGLE_THREAD_ENVIRONMENT),
         ProcessPoolExecutor(
             min(workers, len(tasks)), mp_context=spawn, initializer=_initialise_worker
         ) as pool,
@@ -145,24 +145,24 @@ def read_trials(file: Path) -> list[Trial]:
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise refuse(
                 "each line must be one trial that `pamjax prove` wrote", "something else",
-                f"line {number} of {file.name}", "Name another folder with --out.",
+                f"line {number} of {file.name}", "Use another folder.",
             ) from error  # fmt: skip
     return trials
 
 
 def build_tasks(
     counts: dict[str, int], correlations: Iterable[float], *, stage: str = "all", seed: int = 0,
-    with_baselines: bool = False, form_error: float = 0.0, bank: str = "own",
+    with_competitors: bool = False, form_error: float = 0.0, bank: str = "own",
 ) -> list[TrialTask]:  # fmt: skip
     """Return `counts` tasks of each kind at each correlation, in alternating order.
 
-    >>> [(t.kind, t.number) for t in build_tasks({"nothing": 1, "pair": 2}, [0.5])]
+    >>> [(t.kind, t.trial_index) for t in build_tasks({"nothing": 1, "pair": 2}, [0.5])]
     [('nothing', 0), ('pair', 0), ('pair', 1)]
     """
     return [
-        TrialTask(stage, kind, correlation, number, seed, with_baselines, form_error, bank)
-        for number in range(max(counts.values(), default=0))
+        TrialTask(stage, kind, correlation, trial_index, seed, with_competitors, form_error, bank)
+        for trial_index in range(max(counts.values(), default=0))
         for correlation in correlations
         for kind, count in counts.items()
-        if number < count
+        if trial_index < count
     ]

@@ -42,7 +42,7 @@ class Rate:
 
     @property
     def upper_limit(self) -> float:
-        """One-sided 95 % upper limit."""
+        """Return the one-sided 95 % upper limit."""
         return self.compute_interval(0.90)[1]
 
     def as_dict(self) -> dict[str, Any]:

@@ -25,13 +25,13 @@ from pamjax.records.reading.quantity import MeasuredValue
 from pamjax.records.recording import Recording
 
 #: Approximate number of rows of a drawn recording.
-DRAWN_RECORDING_ROWS = 850
+_DRAWN_RECORDING_ROWS = 850
 
 #: Shares of setups with pressure ramps, and of setups with an inelastic baseline.
-RAMP_BENCH_SHARE, INELASTIC_SHARE = 0.2, 0.25
+_RAMP_BENCH_SHARE, _INELASTIC_SHARE = 0.2, 0.25
 
 #: Prior standard deviations: thread length and stiffness as shares of the value, turns absolute.
-THREAD_LENGTH_SD_SHARE, STIFFNESS_SD_SHARE, TURNS_SD = 1.5e-3, 0.2, 4e-3
+_THREAD_LENGTH_SD_SHARE, _STIFFNESS_SD_SHARE, _TURNS_SD = 1.5e-3, 0.2, 4e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ def build_reference_setup() -> Setup:
     return Setup(entry, _build_plan(protocol, entry.rest_length.value))
 
 
-def draw_setup(rng: np.random.Generator, rows: int = DRAWN_RECORDING_ROWS, law: str | None = None) -> Setup:
+def draw_setup(rng: np.random.Generator, rows: int = _DRAWN_RECORDING_ROWS, law: str | None = None) -> Setup:
     """Draw a random muscle and bench.
 
     Args:
@@ -89,13 +89,13 @@ def draw_setup(rng: np.random.Generator, rows: int = DRAWN_RECORDING_ROWS, law: 
     thread_load = highest_pressure * rest_length * thread / (2 * math.pi * turns**2)
     stiffness = float(np.clip(thread_load / _draw_log_uniform(rng, 0.003, 0.03), 2e3, 5e6))
     full_scale_force = highest_pressure * (3 * rest_length**2 - thread**2) / (4 * math.pi * turns**2)
-    law = law or ("inelastic" if rng.random() < INELASTIC_SHARE else "elastic")
+    law = law or ("inelastic" if rng.random() < _INELASTIC_SHARE else "elastic")
     entry = MuscleToml(
         name="random muscle",
         rest_length=MeasuredValue(rest_length),
-        thread_length=MeasuredValue(thread, THREAD_LENGTH_SD_SHARE * thread),
-        turns=MeasuredValue(turns, TURNS_SD),
-        stiffness=MeasuredValue(stiffness, STIFFNESS_SD_SHARE * stiffness),
+        thread_length=MeasuredValue(thread, _THREAD_LENGTH_SD_SHARE * thread),
+        turns=MeasuredValue(turns, _TURNS_SD),
+        stiffness=MeasuredValue(stiffness, _STIFFNESS_SD_SHARE * stiffness),
         sensors=Sensors(
             force=full_scale_force * _draw_log_uniform(rng, 3e-4, 2e-3),
             diameter=diameter * _draw_log_uniform(rng, 1e-3, 4e-3),
@@ -106,7 +106,7 @@ def draw_setup(rng: np.random.Generator, rows: int = DRAWN_RECORDING_ROWS, law: 
     )
     # Free contraction of inextensible threads of this angle: 3 L² = B².
     free_contraction = 1 - 1 / (math.sqrt(3) * math.sin(angle))
-    draw_protocol = _draw_ramps if rng.random() < RAMP_BENCH_SHARE else _draw_strokes
+    draw_protocol = _draw_ramps if rng.random() < _RAMP_BENCH_SHARE else _draw_strokes
     return Setup(
         entry,
         _build_plan(draw_protocol(rng, highest_pressure, free_contraction, rest_length, rows), rest_length),

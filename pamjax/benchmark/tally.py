@@ -16,15 +16,15 @@ from pamjax.benchmark.rates import Rate, TableLine, build_rate_line
 from pamjax.benchmark.trial import Trial
 
 #: Titles of the stages of a trial.
-STAGE_TITLES = {"all": "whole diagnosis", "score": "test of the baseline only"}
+_STAGE_TITLES = {"all": "whole diagnosis", "score": "test of the baseline only"}
 #: Effect sizes, in noise standard deviations, that are large for one effect and clear in pairs and triples.
-OBVIOUS_EFFECT_SD, CLEAR_EFFECT_SD = 8.0, 5.0
+_OBVIOUS_EFFECT_SD, _CLEAR_EFFECT_SD = 8.0, 5.0
 #: Half-width of a 90 % interval, in standard deviations.
-NORMAL_QUANTILE_95 = 1.6449
+_NORMAL_QUANTILE_95 = 1.6449
 #: Held-out error over noise up to which the model predicts to within noise.
 MAX_ERROR_NOISE_RATIO = 1.15
 #: Edges of the bins of reported probabilities, for comparison with the share of right names.
-PROBABILITY_EDGES = (0.5, 0.8, 0.95, 0.995, 1.0)
+_PROBABILITY_EDGES = (0.5, 0.8, 0.95, 0.995, 1.0)
 
 
 def tabulate_false_alarms(trials: Sequence[Trial]) -> list[TableLine]:
@@ -41,15 +41,15 @@ def tabulate_false_alarms(trials: Sequence[Trial]) -> list[TableLine]:
                 "an unexplained misfit reported": [t.unexplained for t in group],
                 "any alarm": [t.is_alarm for t in group],
             }
-        where = f"noise correlation {correlation:g}, {STAGE_TITLES[stage]}"
+        where = f"noise correlation {correlation:g}, {_STAGE_TITLES[stage]}"
         for label, hits in hits_by_label.items():
             rate = Rate.from_outcomes(hits)
             common_practice = ""
             if label == "a mechanism named":
-                with_baselines = [t for t in group if t.selected is not None]
+                compared_trials = [t for t in group if t.selected is not None]
                 common_practice = (
-                    str(Rate.from_outcomes(bool(t.selected) for t in with_baselines))
-                    if with_baselines
+                    str(Rate.from_outcomes(bool(t.selected) for t in compared_trials))
+                    if compared_trials
                     else ""
                 )
             lines.append(
@@ -82,8 +82,8 @@ def tabulate_recovery(trials: Sequence[Trial]) -> list[TableLine]:
     )
     lines = []
     for word, low, high, target in (
-        ("of 3 to 8 sd", 0.0, OBVIOUS_EFFECT_SD, ">= 80 %"),
-        ("of 8 sd or more", OBVIOUS_EFFECT_SD, np.inf, ">= 95 %"),
+        ("of 3 to 8 sd", 0.0, _OBVIOUS_EFFECT_SD, ">= 80 %"),
+        ("of 8 sd or more", _OBVIOUS_EFFECT_SD, np.inf, ">= 95 %"),
     ):
         trials_of_size = [t for t in single if low <= t.sizes[0] < high]
         lines.append(
@@ -136,8 +136,10 @@ def tabulate_recovery(trials: Sequence[Trial]) -> list[TableLine]:
             "one to three effects: an unexplained misfit reported", [t.unexplained for t in effect_trials]
         )
     )
-    reported_ties = [(t, tie) for t in effect_trials for ties in t.ties for tie in ties]
-    are_indistinguishable = [any((id, tie) in t.stand_ins for id in t.concealed) for t, tie in reported_ties]
+    alternatives = [(t, tie) for t in effect_trials for ties in t.ties for tie in ties]
+    are_indistinguishable = [
+        any((id, tie) in t.verified_ties for id in t.concealed) for t, tie in alternatives
+    ]
     lines.append(build_rate_line("reported ties that are indistinguishable", are_indistinguishable))
     return (
         [line for line in lines if line.rate and line.rate.total]
@@ -153,7 +155,7 @@ def _is_first_right(t: Trial) -> bool:
 def _tabulate_names(word: str, group: Sequence[Trial]) -> list[TableLine]:
     """Return recall of all effects and of clear ones, precision and F1."""
     with_selection = [t for t in group if t.selected is not None]
-    clear = [(t, i) for t in group for i, size in enumerate(t.sizes) if size >= CLEAR_EFFECT_SD]
+    clear = [(t, i) for t in group for i, size in enumerate(t.sizes) if size >= _CLEAR_EFFECT_SD]
     lines = [
         build_rate_line(
             f"{word}: effects named",
@@ -161,7 +163,7 @@ def _tabulate_names(word: str, group: Sequence[Trial]) -> list[TableLine]:
             [id in (t.selected or ()) for t in with_selection for id in t.concealed],
         ),
         build_rate_line(
-            f"{word}: effects of {CLEAR_EFFECT_SD:g} sd or more named",
+            f"{word}: effects of {_CLEAR_EFFECT_SD:g} sd or more named",
             [t.effects_found[i] for t, i in clear],
             [t.concealed[i] in (t.selected or ()) for t, i in clear if t.selected is not None],
         ),
@@ -177,7 +179,7 @@ def _tabulate_names(word: str, group: Sequence[Trial]) -> list[TableLine]:
         f1 = 2 * recall.share * precision.share / (recall.share + precision.share)
         lines.append(
             TableLine(
-                f"{word}: F1 (effects of {CLEAR_EFFECT_SD:g} sd or more)", recall, f"{f1:.2f}", "", ">= 0.85"
+                f"{word}: F1 (effects of {_CLEAR_EFFECT_SD:g} sd or more)", recall, f"{f1:.2f}", "", ">= 0.85"
             )
         )
     return lines
@@ -192,8 +194,8 @@ def compute_reliability(trials: Sequence[Trial]) -> list[tuple[float, Rate]]:
         for p, hit in zip(t.probabilities, t.names_right, strict=True)
     ]
     out = []
-    for low, high in pairwise(PROBABILITY_EDGES):
-        last = high == PROBABILITY_EDGES[-1]
+    for low, high in pairwise(_PROBABILITY_EDGES):
+        last = high == _PROBABILITY_EDGES[-1]
         bin_pairs = [(p, hit) for p, hit in pairs if low <= p and (p < high or last)]
         if bin_pairs:
             out.append(
@@ -213,15 +215,15 @@ def compute_coverage(trials: Sequence[Trial], own: bool, same_model: bool = True
     numbers = [
         n
         for t in trials
-        for n in t.numbers
+        for n in t.parameters
         if (n.name.partition(".")[0] in ("muscle", "thread")) == own
         and (n.same or not same_model)
         and n.sd > 0
     ]
-    return Rate.from_outcomes(abs(n.value - n.true) <= NORMAL_QUANTILE_95 * n.sd for n in numbers)
+    return Rate.from_outcomes(abs(n.value - n.true) <= _NORMAL_QUANTILE_95 * n.sd for n in numbers)
 
 
-def tabulate_quantities(trials: Sequence[Trial]) -> list[TableLine]:
+def _tabulate_quantities(trials: Sequence[Trial]) -> list[TableLine]:
     """Return the lines on probabilities, intervals, held-out errors and located regions."""
     full_trials = [t for t in trials if t.stage == "all" and not t.error]
     effect_trials = [t for t in full_trials if t.kind in ("single", "pair", "triple")]
@@ -239,9 +241,11 @@ def tabulate_quantities(trials: Sequence[Trial]) -> list[TableLine]:
             )
         )
     stiffness_estimates = [
-        n for t in effect_trials for n in t.numbers if n.name.startswith("thread.") and n.same and n.sd > 0
+        n for t in effect_trials for n in t.parameters if n.name.startswith("thread.") and n.same and n.sd > 0
     ]
-    rate = Rate.from_outcomes(abs(n.value - n.true) <= NORMAL_QUANTILE_95 * n.sd for n in stiffness_estimates)
+    rate = Rate.from_outcomes(
+        abs(n.value - n.true) <= _NORMAL_QUANTILE_95 * n.sd for n in stiffness_estimates
+    )
     lines.append(
         TableLine(
             "90 % intervals that contain the true value: thread stiffness", rate, str(rate), "", "85 to 95 %"
@@ -290,7 +294,7 @@ def tabulate_trials(trials: Sequence[Trial]) -> list[TableLine]:
     failed_trials = [t for t in trials if t.error]
     lines = [*tabulate_false_alarms(trials), *tabulate_recovery(trials)]
     if any(t.stage == "all" and t.kind != "nothing" for t in trials):
-        lines += tabulate_quantities(trials)
+        lines += _tabulate_quantities(trials)
     if failed_trials:
         rate = Rate(len(failed_trials), len(trials))
         lines.append(TableLine(f"recordings without a diagnosis ({failed_trials[0].error})", rate, str(rate)))

@@ -12,10 +12,10 @@ import numpy as np
 
 from pamjax.baselines.gaussian_process import build_inputs, predict_discrepancy
 from pamjax.baselines.stepwise_bic import select_by_bic
+from pamjax.benchmark.indistinguishable import is_indistinguishable
 from pamjax.benchmark.inject_effect import GroundTruth, inject_effects
 from pamjax.benchmark.overlap import compute_blind_overlap, compute_overlap, compute_true_boxes
 from pamjax.benchmark.setups import draw_setup
-from pamjax.benchmark.stand_in import is_indistinguishable
 from pamjax.diagnosis.crossval.held_out_errors import select_held_out_rows
 from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.residual_test import run_baseline_test
@@ -33,15 +33,15 @@ from pamjax.records.case import Case
 TRIAL_KINDS = {"nothing": 0, "single": 1, "pair": 2, "triple": 3, "outside": 1}
 
 #: Stages: the whole diagnosis, or only the p-value of the baseline.
-TRIAL_STAGES = ("all", "score")
+_TRIAL_STAGES = ("all", "score")
 
 #: Range of effects, rms in noise standard deviations: just detectable to large.
-MIN_EFFECT_SD, MAX_EFFECT_SD = 3.0, 25.0
+_MIN_EFFECT_SD, _MAX_EFFECT_SD = 3.0, 25.0
 
 #: Banks of simulated recordings: effects with the equations of the fit, or in other forms.
-BANKS = ("own", "other-forms")
+_BANKS = ("own", "other-forms")
 
-#: Identifies a trial: stage, kind, correlation, number, seed, form error, bank.
+#: Identifies a trial: stage, kind, correlation, index, seed, form error, bank.
 TrialKey = tuple[str, str, float, int, int, float, str]
 
 
@@ -50,30 +50,30 @@ class TrialTask:
     """Definition of a trial; the same task gives the same recording.
 
     Attributes:
-        stage: one of `TRIAL_STAGES`.
+        stage: one of `_TRIAL_STAGES`.
         kind: a key of `TRIAL_KINDS`.
         correlation: noise correlation of neighbouring samples.
-        number: number of the recording.
+        trial_index: index of the recording, from 0.
         seed: seed of the study.
-        with_baselines: whether to evaluate common practice too.
+        with_competitors: whether to evaluate the methods of common practice too.
         form_error: rms share by which effects deviate from their equations.
-        bank: one of `BANKS`.
+        bank: one of `_BANKS`.
     """
 
     stage: str
     kind: str
     correlation: float
-    number: int
+    trial_index: int
     seed: int = 0
-    with_baselines: bool = False
+    with_competitors: bool = False
     form_error: float = 0.0
     bank: str = "own"
 
     @property
     def key(self) -> TrialKey:
-        """Key that identifies the trial."""
+        """Return the key that identifies the trial."""
         return (
-            self.stage, self.kind, round(self.correlation, 6), self.number, self.seed,
+            self.stage, self.kind, round(self.correlation, 6), self.trial_index, self.seed,
             round(self.form_error, 6), self.bank,
         )  # fmt: skip
 
@@ -94,7 +94,7 @@ class Trial:
     """Result of one simulated recording.
 
     Attributes:
-        stage, kind, correlation, number, seed, form_error, bank: as in its task.
+        stage, kind, correlation, trial_index, seed, form_error, bank: as in its task.
         law: thread law of the baseline.
         blocks: kind of the recording's blocks.
         concealed: ids of the injected effects.
@@ -103,12 +103,15 @@ class Trial:
         named: ids of the identified mechanisms, most probable first.
         ties: ids of the indistinguishable alternatives of each.
         probabilities: probabilities of the identified mechanisms.
-        stand_ins: (injected, reported) pairs of ids that are truly indistinguishable on this recording.
+        verified_ties: (injected, reported) pairs of ids that are truly indistinguishable on this recording;
+            in the own bank only.
+        reported_ties: (concealed, named) pairs of ids in which the diagnosis reports the concealed one as a
+            tie; in the bank of other forms only.
         unexplained: whether the diagnosis reports an unexplained misfit.
         before, after: held-out rmse over effective noise by channel, of the baseline and of the final model.
         iou: overlap of the located box with a true box; None without a true box.
         iou_blind: overlap of a box over the whole recording.
-        numbers: parameters of right mechanisms and of the baseline.
+        parameters: parameters of right mechanisms and of the baseline.
         selected: ids selected by BIC with independent noise; None if not evaluated.
         selected_after, curve_after: held-out rmse of force over noise, of that selection and of a Gaussian
             process.
@@ -124,7 +127,7 @@ class Trial:
     stage: str
     kind: str
     correlation: float
-    number: int
+    trial_index: int
     seed: int
     law: str
     blocks: str
@@ -134,13 +137,14 @@ class Trial:
     named: tuple[str, ...] = ()
     ties: tuple[tuple[str, ...], ...] = ()
     probabilities: tuple[float, ...] = ()
-    stand_ins: tuple[tuple[str, str], ...] = ()
+    verified_ties: tuple[tuple[str, str], ...] = ()
+    reported_ties: tuple[tuple[str, str], ...] = ()
     unexplained: bool = False
     before: dict[str, float] = field(default_factory=dict)
     after: dict[str, float] = field(default_factory=dict)
     iou: float | None = None
     iou_blind: float | None = None
-    numbers: tuple[RecoveredParameter, ...] = ()
+    parameters: tuple[RecoveredParameter, ...] = ()
     selected: tuple[str, ...] | None = None
     selected_after: float | None = None
     curve_after: float | None = None
@@ -156,48 +160,53 @@ class Trial:
 
     @property
     def key(self) -> TrialKey:
-        """Key of its task."""
+        """Return the key of its task."""
         return TrialTask(
-            self.stage, self.kind, self.correlation, self.number, self.seed, form_error=self.form_error,
+            self.stage, self.kind, self.correlation, self.trial_index, self.seed, form_error=self.form_error,
             bank=self.bank,
         ).key  # fmt: skip
 
     @property
     def is_detected(self) -> bool:
-        """Whether the misfit of the baseline is significant."""
+        """Return whether the misfit of the baseline is significant."""
         return self.p_value < DEFAULT_SETTINGS.detection_p_value
 
     @property
     def is_alarm(self) -> bool:
-        """Whether the diagnosis reports any misfit."""
+        """Return whether the diagnosis reports any misfit."""
         return self.is_detected or bool(self.named) or self.unexplained
 
     def matches(self, name: str, concealed_id: str) -> bool:
-        """Return whether a mechanism is the injected one, or indistinguishable from it on this recording."""
-        return name == concealed_id or (concealed_id, name) in self.stand_ins
+        """Return whether a mechanism is the injected one, or counts as its tie on this recording."""
+        return name == concealed_id or (concealed_id, name) in self.verified_ties + self.reported_ties
 
     @property
     def effects_found(self) -> tuple[bool, ...]:
-        """Whether each injected effect is identified."""
+        """Return whether each injected effect is identified."""
         return tuple(any(self.matches(name, id) for name in self.named) for id in self.concealed)
 
     @property
     def names_right(self) -> tuple[bool, ...]:
-        """Whether each identified mechanism is right."""
+        """Return whether each identified mechanism is right."""
         return tuple(any(self.matches(name, id) for id in self.concealed) for name in self.named)
 
     @property
     def is_exact(self) -> bool:
-        """Whether exactly the injected effects are identified."""
+        """Return whether exactly the injected effects are identified."""
         return all(self.effects_found) and all(self.names_right)
 
     def format_line(self) -> str:
         """Return the trial as one JSON line without default values."""
-        values = asdict(self)
-        return json.dumps(
-            {k: v for k, v in values.items() if v != _DEFAULT_VALUES.get(k, ...)}, allow_nan=False
-        )
+        values = {k: v for k, v in asdict(self).items() if v != _DEFAULT_VALUES.get(k, ...)}
+        return json.dumps({_FILE_KEYS.get(k, k): v for k, v in values.items()}, allow_nan=False)
 
+
+#: Keys of trials.jsonl for the fields of a trial; the other keys have the name of their field. A bank has
+#: only one of the two kinds of ties.
+_FILE_KEYS = {
+    "trial_index": "number", "parameters": "numbers",
+    "verified_ties": "stand_ins", "reported_ties": "stand_ins",
+}  # fmt: skip
 
 _DEFAULT_VALUES = asdict(Trial("", "", math.nan, -1, -1, "", ""))
 
@@ -205,11 +214,11 @@ _DEFAULT_VALUES = asdict(Trial("", "", math.nan, -1, -1, "", ""))
 def parse_trial(line: str) -> Trial:
     """Return the trial of a JSON line."""
     document = json.loads(line)
-    known_fields = {f.name for f in fields(Trial)}
-    values = {k: _convert_to_tuples(v) for k, v in document.items() if k in known_fields and k != "numbers"}
-    return Trial(
-        **values, numbers=tuple(RecoveredParameter(**parameter) for parameter in document.get("numbers", ()))
-    )
+    absent_ties = "reported_ties" if document.get("bank", "own") == "own" else "verified_ties"
+    names = {_FILE_KEYS.get(f.name, f.name): f.name for f in fields(Trial) if f.name != absent_ties}
+    values = {names[k]: _convert_to_tuples(v) for k, v in document.items() if k in names and k != "numbers"}
+    parameters = tuple(RecoveredParameter(**parameter) for parameter in document.get("numbers", ()))
+    return Trial(**values, parameters=parameters)
 
 
 def _convert_to_tuples(value: Any) -> Any:
@@ -222,17 +231,17 @@ def run_trial(task: TrialTask) -> Trial:
     ground_truth = draw_ground_truth(task)
     values: dict[str, Any] = {
         "stage": task.stage, "kind": task.kind, "correlation": task.correlation,
-        "number": task.number, "seed": task.seed, "form_error": task.form_error,
+        "trial_index": task.trial_index, "seed": task.seed, "form_error": task.form_error,
         "law": ground_truth.case.entry.baseline,
         "blocks": find_blocks(ground_truth.case.recording).kind,
         "concealed": ground_truth.effect_ids, "sizes": ground_truth.effect_sizes,
     }  # fmt: skip
     try:
         if task.stage == "score":
-            values["p_value"] = score_recording(ground_truth.case, task.number).p_value
+            values["p_value"] = score_recording(ground_truth.case, task.trial_index).p_value
         else:
             values |= _compare_with_truth(
-                ground_truth, diagnose_trial(ground_truth.case, task), task.with_baselines
+                ground_truth, diagnose_trial(ground_truth.case, task), task.with_competitors
             )
     except Exception as error:  # a failed diagnosis is a result of the study
         values["error"] = f"{type(error).__name__}: {error}"[:300]
@@ -241,17 +250,17 @@ def run_trial(task: TrialTask) -> Trial:
 
 def diagnose_trial(case: Case, task: TrialTask) -> Diagnosis:
     """Return the diagnosis of a recording with the seed of its task."""
-    return diagnose(case, seed=task.number)
+    return diagnose(case, seed=task.trial_index)
 
 
 def draw_ground_truth(task: TrialTask) -> GroundTruth:
     """Simulate the recording of a task with its injected effects."""
-    words = [task.seed, list(TRIAL_KINDS).index(task.kind), task.number, round(1e3 * task.correlation)]
+    words = [task.seed, list(TRIAL_KINDS).index(task.kind), task.trial_index, round(1e3 * task.correlation)]
     rng = np.random.default_rng(words)
     return inject_effects(
         TRIAL_KINDS[task.kind], rng, setup=draw_setup(rng), unmodelled=task.kind == "outside",
-        correlation=task.correlation, smallest=MIN_EFFECT_SD, largest=MAX_EFFECT_SD,
-        form_error=task.form_error, number=task.number,
+        correlation=task.correlation, smallest=_MIN_EFFECT_SD, largest=_MAX_EFFECT_SD,
+        form_error=task.form_error, number=task.trial_index,
     )  # fmt: skip
 
 
@@ -264,7 +273,7 @@ def score_recording(case: Case, seed: int = 0) -> Significance:
 
 
 def _compare_with_truth(
-    ground_truth: GroundTruth, diagnosis: Diagnosis, with_baselines: bool
+    ground_truth: GroundTruth, diagnosis: Diagnosis, with_competitors: bool
 ) -> dict[str, Any]:
     names = diagnosis.established_mechanisms
     noise = _compute_noise_sd(diagnosis)
@@ -273,11 +282,11 @@ def _compare_with_truth(
         "named": tuple(name.id for name in names),
         "ties": tuple(tuple(name.indistinguishable) for name in names),
         "probabilities": tuple(float(name.probability) for name in names),
-        "stand_ins": _find_indistinguishable(ground_truth, diagnosis),
+        "verified_ties": _find_indistinguishable(ground_truth, diagnosis),
         "unexplained": diagnosis.unexplained,
         "before": _divide_by_noise(diagnosis, diagnosis.held_out_errors.rmse_before, noise),
         "after": _divide_by_noise(diagnosis, diagnosis.held_out_errors.rmse_after, noise),
-        "numbers": tuple(_compare_parameters(ground_truth, diagnosis)),
+        "parameters": tuple(_compare_parameters(ground_truth, diagnosis)),
     }
     axes = build_axes(diagnosis.problem)
     boxes = compute_true_boxes(axes, ground_truth.effects, noise)
@@ -287,7 +296,7 @@ def _compare_with_truth(
             "iou": compute_overlap(axes, claims, boxes),
             "iou_blind": compute_blind_overlap(axes, boxes),
         }
-    return values | (_fit_baselines(diagnosis, noise) if with_baselines else {})
+    return values | (_fit_competitors(diagnosis, noise) if with_competitors else {})
 
 
 def _compute_noise_sd(diagnosis: Diagnosis) -> np.ndarray:
@@ -361,7 +370,7 @@ def _build_recovered(
     )
 
 
-def _fit_baselines(diagnosis: Diagnosis, noise: np.ndarray) -> dict[str, Any]:
+def _fit_competitors(diagnosis: Diagnosis, noise: np.ndarray) -> dict[str, Any]:
     problem, training_rows, out = diagnosis.problem, ~diagnosis.held_out_errors.held_out, {}
     selection = select_by_bic(problem, training_rows)
     out["selected"] = selection.ids

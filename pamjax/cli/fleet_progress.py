@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pamjax.cluster.run_fleet import RunProgress
 
 #: Time between two lines outside a terminal, s.
-LINE_INTERVAL = 60.0
+_LINE_INTERVAL = 60.0
 
 
 @contextmanager
@@ -33,29 +33,29 @@ def show_fleet_progress() -> Iterator[Callable[[RunProgress], None]]:
         def report_progress(progress: RunProgress) -> None:
             nonlocal printed_at
             raise_interrupt()
-            text = format_progress(progress)
+            text = _format_progress(progress)
             bar.update(task, description=text, completed=progress.finished / max(progress.total, 1))
-            if not console.is_terminal and time.monotonic() - printed_at >= LINE_INTERVAL:
+            if not console.is_terminal and time.monotonic() - printed_at >= _LINE_INTERVAL:
                 printed_at = time.monotonic()
                 print(text, file=sys.stderr, flush=True)
 
         yield report_progress
 
 
-def format_progress(progress: RunProgress) -> str:
+def _format_progress(progress: RunProgress) -> str:
     """Return the numbers of a run in one line."""
     text = f"{progress.finished} of {progress.total} tasks"
     for state in (REFUSED, SET_ASIDE):
         if progress.states[state]:
             text += f", {progress.states[state]} {state}"
     left = progress.seconds_left
-    return text if left is None else f"{text}, about {format_duration(left)} left"
+    return text if left is None else f"{text}, about {_format_duration(left)} left"
 
 
-def format_duration(seconds: float) -> str:
+def _format_duration(seconds: float) -> str:
     """Return a duration as text.
 
-    >>> format_duration(20), format_duration(600), format_duration(7200)
+    >>> _format_duration(20), _format_duration(600), _format_duration(7200)
     ('20 s', '10 min', '2.0 h')
     """
     if seconds < 90:

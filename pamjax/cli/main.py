@@ -17,7 +17,7 @@ from pamjax.cli.process import describe_missing_device, prepare_streams
 from pamjax.errors import BadInput
 
 #: Exit codes: success, bad input, interruption by Ctrl-C, termination by another process.
-EXIT_OK, EXIT_REFUSED, EXIT_INTERRUPTED, EXIT_TERMINATED = 0, 2, 130, 143
+_EXIT_OK, _EXIT_REFUSED, _EXIT_INTERRUPTED, _EXIT_TERMINATED = 0, 2, 130, 143
 
 #: File errors that the user can correct: disk full, over quota, file above its size limit, read-only, no
 #: permission, name too long.
@@ -89,7 +89,7 @@ def main(arguments: list[str] | None = None) -> int:
         is_usage_error = isinstance(error, CycloptsError)
         message = format_usage_error(error) if is_usage_error else name_options(str(error))
         print(f"pamjax: {message}", file=sys.stderr)
-        return EXIT_REFUSED
+        return _EXIT_REFUSED
     except BrokenPipeError:
         # The reader, for example `head`, closed the pipe. Redirect the output to avoid an error at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -99,24 +99,24 @@ def main(arguments: list[str] | None = None) -> int:
         place = f" ({error.filename})" if error.filename else ""
         message = f"cannot read or write a file: {error.strerror}{place}"
         print(f"pamjax: {message}. Use another path.", file=sys.stderr)
-        return EXIT_REFUSED
+        return _EXIT_REFUSED
     except KeyboardInterrupt:
         word = "terminated" if is_terminated() else "interrupted"
         print(f"pamjax: {word}; no incomplete file was written", file=sys.stderr)
-        return EXIT_TERMINATED if is_terminated() else EXIT_INTERRUPTED
+        return _EXIT_TERMINATED if is_terminated() else _EXIT_INTERRUPTED
     except (RuntimeError, AssertionError):
         message = describe_missing_device()
         if not message:
             raise
         print(f"pamjax: {message}", file=sys.stderr)
-        return EXIT_REFUSED
-    return EXIT_OK
+        return _EXIT_REFUSED
+    return _EXIT_OK
 
 
 def run() -> NoReturn:
     """Run `main` on the arguments of the process, and exit with its code."""
     code = main()
-    if code in (EXIT_INTERRUPTED, EXIT_TERMINATED):
+    if code in (_EXIT_INTERRUPTED, _EXIT_TERMINATED):
         # After an interrupted compilation, the clean-up of the JAX runtime at exit sometimes causes a
         # segmentation fault. All files are complete here, so skip the clean-up.
         sys.stdout.flush()

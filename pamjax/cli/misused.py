@@ -16,7 +16,7 @@ from cyclopts import (
 from pamjax.errors import compose_message, suggest_word
 
 #: Smallest similarity of an option to be suggested, as `difflib` measures it.
-MIN_SIMILARITY = 0.7
+_MIN_SIMILARITY = 0.7
 
 #: Parameters of the library in a message, as patterns, and the options that set them.
 PARAMETER_PATTERNS = {
@@ -68,6 +68,6 @@ def _format_unknown_option(error: UnknownOptionError, program: str) -> str:
     valid_options = [
         name for argument in error.argument_collection for name in argument.names if name.startswith("--")
     ]
-    close = difflib.get_close_matches(token.partition("=")[0], valid_options, n=1, cutoff=MIN_SIMILARITY)
+    close = difflib.get_close_matches(token.partition("=")[0], valid_options, n=1, cutoff=_MIN_SIMILARITY)
     remedy = f"Did you mean `{close[0]}`?" if close else f"See `{program} --help`."
     return compose_message(f"unknown option `{token}` of `{program}`", remedy=remedy)

@@ -33,7 +33,7 @@ class ModelOptions:
             case's baseline model.
         share: parameters that several cases share, such as thread.modulus.
         with_: mechanisms to include in the model, such as bladder_elasticity; `pamjax explain` lists them.
-        gaps: memory of friction and relaxation at a jump of the recording: "carry" keeps it (default), "anew"
+        gaps: memory of friction and relaxation at a jump of the recording. "carry" keeps it (default), "anew"
             resets it, for a new specimen or after a long rest. For one of several cases: name=anew.
         before: state before the first sample: "relaxed" (default) for a muscle at rest, "settled" if the
             muscle has run through the same recording once. For one of several cases: name=settled.

@@ -12,7 +12,7 @@ from pamjax.errors import refuse
 from pamjax.records.case import Case, read_case
 
 #: Name of the report of a stage.
-CASE_REPORT_FILE = "report.html"
+_CASE_REPORT_FILE = "report.html"
 
 
 def read_unchanged_case(folder: Path, checksum: str) -> Case:
@@ -27,7 +27,7 @@ def read_unchanged_case(folder: Path, checksum: str) -> Case:
     return case
 
 
-def run_check(case: Case, out: Path, settings: dict[str, Any]) -> None:
+def _run_check(case: Case, out: Path, settings: dict[str, Any]) -> None:
     """Write check.json: rows, blocks, and which parameters the recording determines."""
     from pamjax.infer.fitting.case_summary import CaseSummary
     from pamjax.infer.fitting.identifiability import check_identifiability
@@ -37,7 +37,7 @@ def run_check(case: Case, out: Path, settings: dict[str, Any]) -> None:
     (out / "check.json").write_text(text, "utf-8")
 
 
-def run_fit(case: Case, out: Path, settings: dict[str, Any]) -> None:
+def _run_fit(case: Case, out: Path, settings: dict[str, Any]) -> None:
     """Write the files of `pamjax fit`."""
     from pamjax.infer.fitting.fit import fit
     from pamjax.infer.fitting.io import save
@@ -60,7 +60,7 @@ def run_fit(case: Case, out: Path, settings: dict[str, Any]) -> None:
     if settings["report"]:
         from pamjax.view.reports.fit import write_fit_report
 
-        write_fit_report(result, out / CASE_REPORT_FILE, _format_fit_command(case, settings))
+        write_fit_report(result, out / _CASE_REPORT_FILE, _format_fit_command(case, settings))
 
 
 def run_diagnose(case: Case, out: Path, settings: dict[str, Any]) -> None:
@@ -78,13 +78,13 @@ def run_diagnose(case: Case, out: Path, settings: dict[str, Any]) -> None:
         from pamjax.view.reports.diagnosis import write_diagnosis_report
 
         command = shlex.join(["pamjax", "diagnose", str(case.folder), "--seed", str(settings["seed"])])
-        write_diagnosis_report(diagnosis, out / CASE_REPORT_FILE, command, comparison)
+        write_diagnosis_report(diagnosis, out / _CASE_REPORT_FILE, command, comparison)
 
 
 #: Function of each stage.
 STEPS: dict[str, Callable[[Case, Path, dict[str, Any]], None]] = {
-    "check": run_check,
-    "fit": run_fit,
+    "check": _run_check,
+    "fit": _run_fit,
     "diagnose": run_diagnose,
 }
 

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from distributed import Client
 
 #: Command that installs the optional packages of a fleet.
-INSTALL_COMMAND = "pip install -e '.[fleet]'"
+_INSTALL_COMMAND = "pip install -e '.[fleet]'"
 
 #: Time to wait for a scheduler, s.
 CONNECT_TIMEOUT = 10
 
 #: Settings of an embedded cluster. A worker that pauses at high memory would never run again, because the
 #: memory of JAX stays; such a worker is ended at 95 % of its limit and replaced.
-EMBEDDED_SETTINGS = {
+_EMBEDDED_SETTINGS = {
     "distributed.scheduler.allowed-failures": 0,
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
@@ -44,7 +44,7 @@ def check_packages() -> None:
     if missing:
         names = missing[0] if len(missing) == 1 else f"{', '.join(missing[:-1])} and {missing[-1]}"
         rule = f"`pamjax fleet` needs {format_count(len(missing), 'more package')}: {names}"
-        raise refuse(rule, remedy=f"Run `{INSTALL_COMMAND}` in the folder of the clone of pamjax.")
+        raise refuse(rule, remedy=f"Run `{_INSTALL_COMMAND}` in the folder of the clone of pamjax.")
 
 
 def parse_memory(text: str) -> int:
@@ -81,7 +81,7 @@ def start_cluster(workers: int | None = None, memory: str | None = None) -> Iter
     environment = {"TF_CPP_MIN_LOG_LEVEL": "3"}
     no_dashboard: Any = None
     with (
-        dask.config.set(EMBEDDED_SETTINGS),
+        dask.config.set(_EMBEDDED_SETTINGS),
         LocalCluster(
             n_workers=workers or os.cpu_count() or 1,
             threads_per_worker=1,
@@ -124,9 +124,9 @@ def _check_workers(client: Client, store: Path) -> None:
     from pamjax.fleet.task import collect_task_versions
 
     try:
-        answers: Any = client.run(inspect_worker, str(store))
+        answers: Any = client.run(_inspect_worker, str(store))
     except ImportError as error:
-        remedy = f"Install it there: {INSTALL_COMMAND}."
+        remedy = f"Install it there: {_INSTALL_COMMAND}."
         raise refuse("every worker must have pamjax", f"a worker without ({error})", remedy=remedy) from error
     own = collect_task_versions()
     for worker, (versions, sees_store) in answers.items():
@@ -141,7 +141,7 @@ def _check_workers(client: Client, store: Path) -> None:
             raise refuse(rule, f"{worker}, which does not", remedy="Use a folder that all machines share.")
 
 
-def inspect_worker(store: str) -> tuple[dict[str, str], bool]:
+def _inspect_worker(store: str) -> tuple[dict[str, str], bool]:
     """Return the versions of a worker, and whether it sees a folder."""
     from pamjax.fleet.task import collect_task_versions
 

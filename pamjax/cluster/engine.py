@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 Work = Callable[[FleetTask, float | None], TaskOutcome]
 
 #: A task whose worker dies, or that is cancelled, so many times is set aside.
-MAX_DEATHS = 2
+_MAX_DEATHS = 2
 
 #: Time between two calls of `on_wait` and two counts of the workers, s.
-WAIT_STEP = 1.0
+_WAIT_STEP = 1.0
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class TaskEngine:
         self.client, self.work, self.timeout, self.death_hint = client, work, timeout, death_hint
         self.flights: dict[str, tuple[Future, _Flight]] = {}
         self.finished: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self.counted_at, self.workers, self.submitted = -WAIT_STEP, 1, 0
+        self.counted_at, self.workers, self.submitted = -_WAIT_STEP, 1, 0
         # A scheduler may still hold results of an earlier run under equal keys.
         self.run_name = secrets.token_hex(4)
         self.deaths_per_error = 1 + _read_allowed_failures(client)
@@ -123,7 +123,7 @@ class TaskEngine:
         """Return the next finished task with its outcome, or None if it must run again."""
         while True:
             try:
-                key = self.finished.get(timeout=WAIT_STEP)
+                key = self.finished.get(timeout=_WAIT_STEP)
             except queue.Empty:
                 on_wait()
                 continue
@@ -152,7 +152,7 @@ class TaskEngine:
         if outcome.state != OPEN:
             return outcome
         flight.deaths += deaths
-        if flight.deaths < MAX_DEATHS:
+        if flight.deaths < _MAX_DEATHS:
             return None
         hint = "" if future.cancelled() else self.death_hint
         reason = f"{cause} {flight.deaths} times{hint}"
@@ -160,7 +160,7 @@ class TaskEngine:
 
     def _count_workers(self) -> int:
         """Return the number of worker threads, at least one: a cluster may start its workers later."""
-        if time.monotonic() - self.counted_at >= WAIT_STEP:
+        if time.monotonic() - self.counted_at >= _WAIT_STEP:
             threads: Any = self.client.nthreads()
             self.workers = max(sum(threads.values()), 1)
             self.counted_at = time.monotonic()

@@ -29,10 +29,10 @@ from pamjax.fleet.store import (
 from pamjax.fleet.task import FleetTask
 
 #: Time after the limit at which a process that does not react is ended, s.
-REACTION_TIME = 30.0
+_REACTION_TIME = 30.0
 
 #: Number of memory mappings of a process, at which compiled programs are dropped. Linux permits 65,530.
-MAX_MAPPINGS = 30_000
+_MAX_MAPPINGS = 30_000
 
 
 def run_task(task: FleetTask, timeout: float | None = None) -> TaskOutcome:
@@ -110,7 +110,7 @@ def limit_time(task: FleetTask, timeout: float | None) -> Iterator[None]:
 
     threading.Thread(target=end_process, daemon=True).start()
     # This ends the process also if a computation never lets another thread run.
-    faulthandler.dump_traceback_later(timeout + REACTION_TIME, exit=True, file=sys.__stderr__ or 2)
+    faulthandler.dump_traceback_later(timeout + _REACTION_TIME, exit=True, file=sys.__stderr__ or 2)
     try:
         yield
     finally:
@@ -121,7 +121,7 @@ def limit_time(task: FleetTask, timeout: float | None) -> Iterator[None]:
 def _drop_programs() -> None:
     """Drop compiled programs before the process exceeds the limit of its memory mappings."""
     mappings = Path("/proc/self/maps")
-    if mappings.exists() and mappings.read_bytes().count(b"\n") > MAX_MAPPINGS:
+    if mappings.exists() and mappings.read_bytes().count(b"\n") > _MAX_MAPPINGS:
         import jax
 
         jax.clear_caches()

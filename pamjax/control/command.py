@@ -19,12 +19,12 @@ from pamjax.control.command_uncertainty import (
 from pamjax.control.evaluate_command import evaluate_command
 from pamjax.control.inverse import CommandLimit, Inverse
 from pamjax.control.neglected import list_neglected
-from pamjax.control.posterior_draws import INTERVAL_SHARE, CommandSpread, PosteriorDraws
+from pamjax.control.posterior_draws import INTERVAL_SHARE, CommandDistribution, PosteriorDraws
 from pamjax.control.standalone import UNCERTAINTY_TEXTS
 from pamjax.units import format_quantity
 
 #: Share of the largest value below which a number is a rounding error, and tolerance of the calibrated range.
-ZERO_SHARE, RANGE_TOLERANCE = 1e-9, 1e-3
+_ZERO_SHARE, _RANGE_TOLERANCE = 1e-9, 1e-3
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,12 @@ class CommandResult:
         value: Pa or m; the nearest possible value if the limit is not OK.
         sd: standard deviation of the value; NaN if the uncertainty is unknown.
         force: wanted force, N.
-        given: the given length, m, or pressure, Pa.
-        by_force, by_given: derivatives of the value.
+        given_value: the given length, m, or pressure, Pa.
+        slope_by_force, slope_by_given: derivatives of the value.
         stiffness: ∂F/∂L, N/m.
         stiffness_by_pressure, stiffness_by_length: derivatives of the stiffness, N/(m Pa) and N/m².
         limit: the active limit, or OK.
-        spread: distribution of the command over posterior draws; None without draws.
+        distribution: distribution of the command over posterior draws; None without draws.
         unexplained_force: force error on held-out blocks beyond noise, N, part of `sd`; 0 if unknown.
         reached_force: force at the value, N.
         friction: half width of the friction loop at the value, N; not part of `sd`; 0 without friction.
@@ -56,14 +56,14 @@ class CommandResult:
     value: float
     sd: float
     force: float
-    given: float
-    by_force: float
-    by_given: float
+    given_value: float
+    slope_by_force: float
+    slope_by_given: float
     stiffness: float
     stiffness_by_pressure: float
     stiffness_by_length: float
     limit: CommandLimit
-    spread: CommandSpread | None = None
+    distribution: CommandDistribution | None = None
     unexplained_force: float = 0.0
     reached_force: float = math.nan
     friction: float = 0.0
@@ -76,7 +76,7 @@ class CommandResult:
     @property
     def friction_shift(self) -> float:
         """Return the largest change of the value by friction, Pa or m."""
-        return abs(self.by_force) * self.friction
+        return abs(self.slope_by_force) * self.friction
 
     @property
     def reason(self) -> str:
@@ -88,9 +88,8 @@ class CommandResult:
         if self.limit == CommandLimit.OUTSIDE:
             given_name = "length" if self.quantity == "pressure" else "pressure"
             low, high = (format_quantity(end, self._units[1]) for end in self.given_range)
-            return (
-                f"the {given_name} {format_quantity(self.given, self._units[1])} is outside {low} to {high}"
-            )
+            given_text = format_quantity(self.given_value, self._units[1])
+            return f"the {given_name} {given_text} is outside {low} to {high}"
         if self.limit not in ends:
             return self.limit.message
         comparison, pressure, length = ends[self.limit]
@@ -105,9 +104,9 @@ class CommandResult:
             "value": self.value,
             "sd": self.sd,
             "force": self.force,
-            "given": self.given,
-            "by_force": self.by_force,
-            "by_given": self.by_given,
+            "given": self.given_value,
+            "by_force": self.slope_by_force,
+            "by_given": self.slope_by_given,
             "stiffness": self.stiffness,
             "stiffness_by_pressure": self.stiffness_by_pressure,
             "stiffness_by_length": self.stiffness_by_length,
@@ -128,15 +127,18 @@ class CommandResult:
             [*self.neglected_history, *self.neglected_rig],
             list(self.extrapolations),
         )
-        if self.spread is not None:
-            ends = {"low": _finite_or_none(self.spread.low), "high": _finite_or_none(self.spread.high)}
-            document["draws"] = ends | {"middle": INTERVAL_SHARE, "met": self.spread.feasible_share}
+        if self.distribution is not None:
+            ends = {
+                "low": _finite_or_none(self.distribution.low),
+                "high": _finite_or_none(self.distribution.high),
+            }
+            document["draws"] = ends | {"middle": INTERVAL_SHARE, "met": self.distribution.feasible_share}
         return document
 
     def __str__(self) -> str:
         lines = self._format_value() if self.limit == CommandLimit.OK else self._format_nearest()
-        if self.spread is not None and self.spread.feasible_share < 1:
-            lines.append(f"possible for {self.spread.feasible_share:.0%} of the posterior draws")
+        if self.distribution is not None and self.distribution.feasible_share < 1:
+            lines.append(f"possible for {self.distribution.feasible_share:.0%} of the posterior draws")
         lines.append(f"stiffness {self.stiffness / 1e3:.4g} N/mm")
         if math.isfinite(self.stiffness_by_pressure) and math.isfinite(self.stiffness_by_length):
             slopes = (
@@ -155,7 +157,7 @@ class CommandResult:
         nearest = f"nearest possible {self.quantity} {format_quantity(self.value, self._units[0])}"
         if self.limit == CommandLimit.OUTSIDE:
             low, high = self.given_range
-            nearest += f", at {format_quantity(min(max(self.given, low), high), self._units[1])}"
+            nearest += f", at {format_quantity(min(max(self.given_value, low), high), self._units[1])}"
         return [f"not possible: {self.reason}", nearest]
 
     def _format_value(self) -> list[str]:
@@ -163,10 +165,10 @@ class CommandResult:
         unit, given_unit = self._units
         given_name = "length" if self.quantity == "pressure" else "pressure"
         uncertainty = f" ± {format_quantity(self.sd, unit, 2)}" if math.isfinite(self.sd) else ""
-        if self.spread is not None and math.isfinite(self.spread.low):
+        if self.distribution is not None and math.isfinite(self.distribution.low):
             low, high = (
-                format_quantity(self.spread.low, unit).partition(" ")[0],
-                format_quantity(self.spread.high, unit),
+                format_quantity(self.distribution.low, unit).partition(" ")[0],
+                format_quantity(self.distribution.high, unit),
             )
             uncertainty += f" ({INTERVAL_SHARE:.0%} of the posterior draws: {low} to {high})"
         if self.friction:
@@ -174,12 +176,12 @@ class CommandResult:
         force_scale, given_scale = (1e-3, 1e3) if self.quantity == "pressure" else (1e3, 1e-3)
         lines = [
             f"{self.quantity} {format_quantity(self.value, unit)}{uncertainty}",
-            f"{force_scale * self.by_force:+.4g} {unit} per N of force",
-            f"{self.by_given * force_scale / given_scale:+.4g} {unit} per {given_unit} of {given_name}",
+            f"{force_scale * self.slope_by_force:+.4g} {unit} per N of force",
+            f"{self.slope_by_given * force_scale / given_scale:+.4g} {unit} per {given_unit} of {given_name}",
         ]
         if self.unexplained_force:
             error_text, unexplained_text = (
-                format_quantity(abs(self.by_force) * self.unexplained_force, unit, 2),
+                format_quantity(abs(self.slope_by_force) * self.unexplained_force, unit, 2),
                 format_quantity(self.unexplained_force, "N", 2),
             )
             lines.append(
@@ -226,7 +228,7 @@ def _list_extrapolations(
     sentences = []
     for name, (low, high) in calibrated_range.items():
         unit, value = DISPLAY_UNIT[name], point[name]
-        if not low - RANGE_TOLERANCE * abs(low) <= value <= high * (1 + RANGE_TOLERANCE):
+        if not low - _RANGE_TOLERANCE * abs(low) <= value <= high * (1 + _RANGE_TOLERANCE):
             range_text = (
                 format_quantity(low, unit)
                 if low == high
@@ -264,25 +266,27 @@ def solve_command(
     assert given_value is not None
     numbers = evaluate_command(inverse, force, given_value, by_length=length is not None)
     command = numbers.command
-    value, by_force, by_given, stiffness = (
+    value, slope_by_force, slope_by_given, stiffness = (
         float(np.asarray(x)[0])
-        for x in (command.value, command.by_force, command.by_given, command.stiffness)
+        for x in (command.value, command.slope_by_force, command.slope_by_given, command.stiffness)
     )
     given_range, value_range = (
         (inverse.lengths, inverse.pressures) if length is not None else (inverse.pressures, inverse.lengths)
     )
     # A value that is only the rounding error of the root is zero.
-    value = value if abs(value) > ZERO_SHARE * value_range[1] else 0.0
+    value = value if abs(value) > _ZERO_SHARE * value_range[1] else 0.0
     p, l = (value, given_value) if length is not None else (given_value, value)
-    spread = draws.compute_spread(inverse, force, length=length, pressure=pressure) if draws else None
+    distribution = (
+        draws.compute_distribution(inverse, force, length=length, pressure=pressure) if draws else None
+    )
     reached_force = float(numbers.reached_force)
-    reached_force = reached_force if abs(reached_force) > ZERO_SHARE * abs(force) else 0.0
+    reached_force = reached_force if abs(reached_force) > _ZERO_SHARE * abs(force) else 0.0
     unexplained_force = (read_unexplained_force(file, case) if file else None) or 0.0
-    if spread is not None:
-        sd = math.hypot(spread.sd, by_force * unexplained_force)
+    if distribution is not None:
+        sd = math.hypot(distribution.sd, slope_by_force * unexplained_force)
     else:
         force_error = compute_force_sd(file, np.array([p]), np.array([l]), case)[0] if file else math.nan
-        sd = abs(by_force) * math.hypot(float(force_error), unexplained_force)
+        sd = abs(slope_by_force) * math.hypot(float(force_error), unexplained_force)
     limit = CommandLimit(int(np.asarray(command.status)[0]))
     by_pressure, by_length = numbers.stiffness_slopes
     neglected_history, neglected_rig = list_neglected(inverse.muscle)
@@ -292,13 +296,13 @@ def solve_command(
         sd,
         force,
         given_value,
-        by_force,
-        by_given,
+        slope_by_force,
+        slope_by_given,
         stiffness,
         float(by_pressure),
         float(by_length),
         limit,
-        spread,
+        distribution,
         unexplained_force,
         reached_force,
         float(numbers.half_loop),

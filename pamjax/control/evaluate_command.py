@@ -79,7 +79,7 @@ def _complete(muscle, command: Command, pressure: Array, length: Array) -> tuple
     """Return the command's fields as a tuple, then the other fields of `CommandNumbers`."""
     has_friction = isinstance(muscle, Bench) and bool(muscle.find_mechanisms(BraidFriction))
     half_loop = compute_half_loop(muscle, pressure, length) if has_friction else jnp.zeros(())
-    fields = command.value, command.by_force, command.by_given, command.stiffness, command.status
+    fields = command.value, command.slope_by_force, command.slope_by_given, command.stiffness, command.status
     return (
         fields,
         compute_static_force(muscle, pressure, length)[0],

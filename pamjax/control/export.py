@@ -21,23 +21,23 @@ from pamjax.records.files import write_folder_atomically
 from pamjax.units import format_quantity
 
 #: Degrees of the series, tried in this order until the error is small enough.
-CHEBYSHEV_DEGREES = (8, 12, 16, 24, 32, 48)
+_CHEBYSHEV_DEGREES = (8, 12, 16, 24, 32, 48)
 
 #: Permitted interpolation error as a share of the output's range, and the outputs that must satisfy it.
-TARGET_ERROR, CHECKED_OUTPUTS = 1e-5, ("force", "stiffness", "pressure", "length")
+_TARGET_ERROR, _CHECKED_OUTPUTS = 1e-5, ("force", "stiffness", "pressure", "length")
 
 #: Number of random points at which the error is measured, and the ratio of stated to largest measured error.
-TEST_POINTS, ERROR_MARGIN = 20_000, 2.0
+_TEST_POINTS, _ERROR_MARGIN = 20_000, 2.0
 
 #: Number of points and degree for outputs that are themselves uncertain by a few per cent: friction and sd.
-ROUGH_TEST_POINTS, ROUGH_DEGREE = 500, 12
+_ROUGH_TEST_POINTS, _ROUGH_DEGREE = 500, 12
 
 #: Minimum pressure for a commanded length, as a share of the highest one: without pressure, no stiffness.
-MIN_PRESSURE_SHARE = 0.05
+_MIN_PRESSURE_SHARE = 0.05
 
 #: Lower pressure limits of a table, as shares of the highest pressure, tried if the lowest pressure is not
 #: possible: at low pressure, rubber may keep the muscle open. A limit must leave this share of the lengths.
-START_PRESSURE_SHARES, MIN_LENGTH_SHARE = (0.05, 0.1, 0.2, 0.3, 0.5), 0.6
+_START_PRESSURE_SHARES, _MIN_LENGTH_SHARE = (0.05, 0.1, 0.2, 0.3, 0.5), 0.6
 
 
 @dataclass(frozen=True, repr=False)
@@ -123,14 +123,14 @@ def export(
     inverse = narrow_range(inverse)
     folder.parent.mkdir(parents=True, exist_ok=True)
     table, share, degree = {}, np.inf, 0
-    for degree in CHEBYSHEV_DEGREES:
+    for degree in _CHEBYSHEV_DEGREES:
         trial_table = _build_table(inverse, degree)
         # A trial table has no stated errors, so it must not be in the folder even for a moment.
         with TemporaryDirectory() as trial_folder:
             errors_and_shares = _measure_errors(inverse, trial_table, Path(trial_folder), seed)
         if max(errors_and_shares[1].values()) < share:
             table, share, error = trial_table, max(errors_and_shares[1].values()), errors_and_shares[0]
-        if share < TARGET_ERROR:
+        if share < _TARGET_ERROR:
             break
     rough_outputs = {
         "friction": lambda p, l: compute_friction_half_loop(inverse.muscle, p, l),
@@ -138,7 +138,7 @@ def export(
     }
     for name, values in rough_outputs.items():
         table[name], error[name] = _fit_rough(inverse, values, seed)
-    stated_errors = {name: ERROR_MARGIN * value for name, value in error.items()}
+    stated_errors = {name: _ERROR_MARGIN * value for name, value in error.items()}
     table |= {f"error_{name}": np.array(value) for name, value in stated_errors.items()}
     uncertainty = uncertainty if np.isfinite(error["sd"]) else "unknown"
     table["uncertainty"] = np.array(uncertainty)
@@ -152,7 +152,7 @@ def export(
         inverse.lengths,
         degree,
         stated_errors,
-        ERROR_MARGIN * share,
+        _ERROR_MARGIN * share,
         uncertainty,
         *_summarise_sds(standalone.Controller(files[0]), seed),
     )
@@ -164,7 +164,7 @@ def _summarise_sds(
     """Return the median and the largest sd of the force, N, and of the commanded pressure, Pa."""
     rng = np.random.default_rng(seed)
     p, l = (
-        rng.uniform(ends[0], ends[1], ROUGH_TEST_POINTS)
+        rng.uniform(ends[0], ends[1], _ROUGH_TEST_POINTS)
         for ends in (controller.pressures, controller.lengths)
     )
     force_sd = controller.sd(p, l)
@@ -182,7 +182,7 @@ def narrow_range(inverse: Inverse) -> Inverse:
         BadInput: if less than a tenth of the lengths remains.
     """
     lowest, high = inverse.pressures
-    start_pressures = [lowest, *(share * high for share in START_PRESSURE_SHARES if share * high > lowest)]
+    start_pressures = [lowest, *(share * high for share in _START_PRESSURE_SHARES if share * high > lowest)]
     best, best_share = inverse, 0.0
     for low in start_pressures:
         lengths = np.linspace(*inverse.lengths, 201)
@@ -193,7 +193,7 @@ def narrow_range(inverse: Inverse) -> Inverse:
                 Inverse(inverse.muscle, (low, high), (float(lengths[first_index]), float(lengths[-1]))),
                 length_share,
             )
-        if length_share >= MIN_LENGTH_SHARE:
+        if length_share >= _MIN_LENGTH_SHARE:
             break
     if best_share < 0.1:
         rule = "a controller needs a range of pressure and length in which pressure increases the force"
@@ -209,7 +209,7 @@ def _find_first_solvable(inverse: Inverse, lengths: np.ndarray) -> int:
         force, stiffness = inverse.force(pressure, lengths)
         command = inverse.pressure(force, lengths)
         solvable &= (np.asarray(command.status) == CommandLimit.OK) & np.isfinite(force)
-        if pressure >= MIN_PRESSURE_SHARE * high:
+        if pressure >= _MIN_PRESSURE_SHARE * high:
             solvable &= stiffness > 0
     unsolvable = np.flatnonzero(~solvable)
     return int(unsolvable.max()) + 1 if unsolvable.size else 0
@@ -218,7 +218,7 @@ def _find_first_solvable(inverse: Inverse, lengths: np.ndarray) -> int:
 def _restrict_pressures(inverse: Inverse) -> Inverse:
     """Return the inverse model from the lowest pressure at which a length can be commanded."""
     low, high = inverse.pressures
-    return Inverse(inverse.muscle, (max(low, MIN_PRESSURE_SHARE * high), high), inverse.lengths)
+    return Inverse(inverse.muscle, (max(low, _MIN_PRESSURE_SHARE * high), high), inverse.lengths)
 
 
 def _compute_nodes(degree: int) -> np.ndarray:
@@ -280,7 +280,7 @@ def _measure_errors(
     _write_table(folder / "controller.npz", table)
     controller = standalone.Controller(folder / "controller.npz")
     rng = np.random.default_rng(seed)
-    p, l = (rng.uniform(*ends, TEST_POINTS) for ends in (inverse.pressures, inverse.lengths))
+    p, l = (rng.uniform(*ends, _TEST_POINTS) for ends in (inverse.pressures, inverse.lengths))
     exact = _compute_forward(inverse, p, l)
     pairs = {name: (getattr(controller, name)(p, l), values) for name, values in exact.items()}
     pairs["pressure"] = controller.pressure(exact["force"], l)[0], p
@@ -291,7 +291,7 @@ def _measure_errors(
     errors = {
         name: float(np.max(np.abs(computed - expected))) for name, (computed, expected) in pairs.items()
     }
-    return errors, {name: errors[name] / float(np.ptp(pairs[name][1])) for name in CHECKED_OUTPUTS}
+    return errors, {name: errors[name] / float(np.ptp(pairs[name][1])) for name in _CHECKED_OUTPUTS}
 
 
 def _compute_forward(inverse: Inverse, pressure: np.ndarray, length: np.ndarray) -> dict[str, np.ndarray]:
@@ -306,17 +306,17 @@ def _compute_forward(inverse: Inverse, pressure: np.ndarray, length: np.ndarray)
 
 def _fit_rough(inverse: Inverse, function: ForceUncertainty, seed: int) -> tuple[np.ndarray, float]:
     """Return the coefficients of a series of low degree, and its largest error at random points."""
-    x = _compute_nodes(ROUGH_DEGREE)
+    x = _compute_nodes(_ROUGH_DEGREE)
     p, l = (
         g.ravel()
         for g in np.meshgrid(
             _map_to_range(x, inverse.pressures), _map_to_range(x, inverse.lengths), indexing="ij"
         )
     )
-    coefficients = _fit_chebyshev(function(p, l).reshape(ROUGH_DEGREE + 1, ROUGH_DEGREE + 1), ROUGH_DEGREE)
-    a, b = np.random.default_rng(seed).uniform(-1, 1, (2, ROUGH_TEST_POINTS))
+    coefficients = _fit_chebyshev(function(p, l).reshape(_ROUGH_DEGREE + 1, _ROUGH_DEGREE + 1), _ROUGH_DEGREE)
+    a, b = np.random.default_rng(seed).uniform(-1, 1, (2, _ROUGH_TEST_POINTS))
     fitted_values = np.einsum(
-        "ni,ij,nj->n", chebvander(a, ROUGH_DEGREE), coefficients, chebvander(b, ROUGH_DEGREE)
+        "ni,ij,nj->n", chebvander(a, _ROUGH_DEGREE), coefficients, chebvander(b, _ROUGH_DEGREE)
     )
     return coefficients, float(
         np.max(

@@ -8,8 +8,8 @@ derivatives follow from the implicit function theorem:
 
 JAX computes the same derivatives, also of higher order and with respect to the muscle's parameters. The
 stiffness has the derivatives ∂²F/∂P∂L and ∂²F/∂L². Mechanisms with memory (friction, relaxation), errors of
-sensors and compliance of the rig are left out (`neglected.py`). Pressure and length are true values: the
-pressure at the inlet, before the loss by contact of the bladder; the length of the muscle without its rig.
+sensors and compliance of the rig are left out (`neglected.py`). Pressure and length are true values.
+The pressure is at the inlet, before the loss by contact of the bladder. The length is without the rig.
 """
 
 from __future__ import annotations
@@ -35,21 +35,21 @@ from pamjax.model.mechanism import AbstractPressureLoss, AbstractRigCompliance, 
 from pamjax.model.muscle import Muscle
 from pamjax.model.status import StatusCode
 
-#: Maximum number of steps of the root search (Newton, or bisection if Newton leaves the bracket), and the
-#: step size at which it stops, as a share of the range.
-MAX_ROOT_STEPS, ROOT_TOLERANCE = 60, 1e-13
+#: Maximum number of steps of the root search, and the step size at which it stops, as a share of the range.
+#: A step is Newton's, or a bisection if Newton's leaves the bracket.
+_MAX_ROOT_STEPS, _ROOT_TOLERANCE = 60, 1e-13
 
 #: Sizes of a batch of commands; other numbers of commands are divided and padded to one of them.
-SMALL_BATCH, LARGE_BATCH = 16, 4096
+_SMALL_BATCH, _LARGE_BATCH = 16, 4096
 
 #: Ranges of pressure, Pa, and contraction for a muscle without calibrated range.
-DEFAULT_PRESSURES, DEFAULT_CONTRACTIONS = (0.0, 600e3), (0.0, 0.45)
+DEFAULT_PRESSURES, _DEFAULT_CONTRACTIONS = (0.0, 600e3), (0.0, 0.45)
 
 #: Minimum relative width of a calibrated range; a narrower one is a single setting.
-MIN_RANGE_WIDTH = 0.01
+_MIN_RANGE_WIDTH = 0.01
 
 #: Minimum of ∂F/∂P for a command, as a share of its value at the longest length.
-MIN_PULL_SHARE = 0.02
+_MIN_PULL_SHARE = 0.02
 
 
 class CommandLimit(StatusCode):
@@ -70,15 +70,15 @@ class Command(eqx.Module):
 
     Attributes:
         value: pressure (Pa) or length (m); the nearest possible one if the status is not OK.
-        by_force: its derivative with respect to force.
-        by_given: its derivative with respect to the given length or pressure.
+        slope_by_force: its derivative with respect to force.
+        slope_by_given: its derivative with respect to the given length or pressure.
         stiffness: ∂F/∂L at the value, N/m.
         status: a `CommandLimit`.
     """
 
     value: Array
-    by_force: Array
-    by_given: Array
+    slope_by_force: Array
+    slope_by_given: Array
     stiffness: Array
     status: Array
 
@@ -127,7 +127,7 @@ def _find_root(function: Callable[[Array], Array], low: Array, high: Array) -> A
     def solve(f, start):
         def is_unfinished(carry):
             _, below, above, step_size, count = carry
-            return (step_size > ROOT_TOLERANCE * (high - low)) & (above > below) & (count < MAX_ROOT_STEPS)
+            return (step_size > _ROOT_TOLERANCE * (high - low)) & (above > below) & (count < _MAX_ROOT_STEPS)
 
         def step(carry):
             x, below, above, _, count = carry
@@ -193,7 +193,7 @@ def _map_in_batches(function: Callable, first: ArrayLike, second: ArrayLike):
     """Return a function's values on two rows, in batches of fixed size; each new size needs a compilation."""
     pair = np.broadcast_arrays(*(np.atleast_1d(np.asarray(x, dtype=float)) for x in (first, second)))
     n = pair[0].size
-    size = SMALL_BATCH if n <= SMALL_BATCH else LARGE_BATCH
+    size = _SMALL_BATCH if n <= _SMALL_BATCH else _LARGE_BATCH
     parts = max(-(-n // size), 1)
     rows = [np.concatenate([x, np.full(parts * size - n, x[-1] if n else 1.0)]) for x in pair]
     results = [function(*(jnp.asarray(x[k * size : (k + 1) * size]) for x in rows)) for k in range(parts)]
@@ -258,7 +258,7 @@ def solve_pressures(muscle, pressures, lengths, force, length) -> Command:
         )
         forces, slopes, has_equilibrium = jax.vmap(lambda p, l: _evaluate_force(muscle, p, l))(*points)
         by_p, by_l = slopes[0]
-        pulls = has_equilibrium[0] & (by_p > MIN_PULL_SHARE * slopes[3, 0])
+        pulls = has_equilibrium[0] & (by_p > _MIN_PULL_SHARE * slopes[3, 0])
         return Command(
             value,
             1 / by_p,
@@ -334,7 +334,7 @@ def inverse(
     calibrated_range = {
         name: (low, high)
         for name, (low, high) in calibrated_range.items()
-        if high > low * (1 + MIN_RANGE_WIDTH)
+        if high > low * (1 + _MIN_RANGE_WIDTH)
     }
     bare_muscle = muscle.muscle if isinstance(muscle, LoadedMuscle) else muscle
     if lengths is None and "length" not in calibrated_range:
@@ -345,7 +345,7 @@ def inverse(
         rest_length = (
             muscle.entry.rest_length.value if isinstance(muscle, LoadedMuscle) else float(muscle.rest_length)
         )
-        lengths = rest_length * (1 - DEFAULT_CONTRACTIONS[1]), rest_length * (1 - DEFAULT_CONTRACTIONS[0])
+        lengths = rest_length * (1 - _DEFAULT_CONTRACTIONS[1]), rest_length * (1 - _DEFAULT_CONTRACTIONS[0])
     ranges = (
         pressures or calibrated_range.get("pressure", DEFAULT_PRESSURES),
         lengths or calibrated_range["length"],

@@ -27,7 +27,7 @@ from pamjax.model.mechanisms.pressure_drop import PressureDrop
 from pamjax.model.muscle import Muscle
 
 #: Classes of mechanisms that a muscle at rest neglects, and those of sensors and rig.
-NEGLECTED_HISTORY, NEGLECTED_RIG = (
+_NEGLECTED_HISTORY, _NEGLECTED_RIG = (
     (AbstractMemory, AbstractSlip, PressureDrop),
     (AbstractSensor, AbstractRigCompliance),
 )
@@ -38,7 +38,7 @@ def list_neglected(muscle: Muscle | Bench) -> tuple[tuple[str, ...], tuple[str, 
     if isinstance(muscle, Muscle):
         return (), ()
     history, rig = (
-        [m.id for m in muscle.mechanisms if isinstance(m, k)] for k in (NEGLECTED_HISTORY, NEGLECTED_RIG)
+        [m.id for m in muscle.mechanisms if isinstance(m, k)] for k in (_NEGLECTED_HISTORY, _NEGLECTED_RIG)
     )
     return tuple(history), tuple(rig)
 

@@ -31,7 +31,7 @@ INTERVAL_SHARE = 0.9
 
 
 @dataclass(frozen=True)
-class CommandSpread:
+class CommandDistribution:
     """Distribution of a command over posterior draws, SI.
 
     Attributes:
@@ -69,9 +69,9 @@ class PosteriorDraws:
         )
         return np.asarray(forces).std(axis=0, ddof=1)
 
-    def compute_spread(
+    def compute_distribution(
         self, inverse: Inverse, force: float, *, length: float | None = None, pressure: float | None = None
-    ) -> CommandSpread:
+    ) -> CommandDistribution:
         """Return the distribution of a command over the draws.
 
         Args:
@@ -92,10 +92,12 @@ class PosteriorDraws:
         )
         feasible = value[status == CommandLimit.OK]
         if feasible.size < 2:
-            return CommandSpread(np.nan, np.nan, np.nan, feasible.size / value.size)
+            return CommandDistribution(np.nan, np.nan, np.nan, feasible.size / value.size)
         tail = (1 - INTERVAL_SHARE) / 2
         low, high = np.quantile(feasible, [tail, 1 - tail])
-        return CommandSpread(float(feasible.std(ddof=1)), float(low), float(high), feasible.size / value.size)
+        return CommandDistribution(
+            float(feasible.std(ddof=1)), float(low), float(high), feasible.size / value.size
+        )
 
 
 @compile_on_call

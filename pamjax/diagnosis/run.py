@@ -78,7 +78,7 @@ class _Training:
 
     @property
     def is_detected(self) -> bool:
-        """Whether the misfit of the baseline is significant."""
+        """Return whether the misfit of the baseline is significant."""
         return self.mismatch.p_value < self.problem.settings.detection_p_value
 
 

@@ -20,9 +20,9 @@ import pandas as pd
 from pamjax.fleet.frames import select_rows
 
 #: Largest ratio s/p: the recording has at least as much information on the number as the prior.
-MAX_SD_RATIO = 0.7
+_MAX_SD_RATIO = 0.7
 #: Number of decimal digits in which two equal priors agree.
-PRIOR_DIGITS = 9
+_PRIOR_DIGITS = 9
 
 
 def extract_estimates(table: pd.DataFrame) -> tuple[pd.DataFrame, bool]:
@@ -33,17 +33,17 @@ def extract_estimates(table: pd.DataFrame) -> tuple[pd.DataFrame, bool]:
             `number_specimens`.
 
     Returns:
-        columns `case`, `specimen`, `value` and `sd`, without numbers at a limit, without sd, or with less
-        information than a prior that was taken out; and whether specimens share a prior.
+        columns `case`, `specimen`, `value` and `sd`, and whether specimens share a prior. Numbers at a limit
+        and numbers without sd are left out, and those with less information than a prior that was taken out.
     """
     usable = table["sd"].gt(0) & np.isfinite(table["value"]) & ~table["at_limit"].fillna(False).astype(bool)
     rows = select_rows(table, usable)
     value, sd, prior, prior_sd = (
         rows[name].to_numpy(float, copy=True) for name in ("value", "sd", "prior", "prior_sd")
     )
-    is_shared, is_repeated = find_shared_priors(rows)
+    is_shared, is_repeated = _find_shared_priors(rows)
     removed = is_shared | is_repeated
-    kept = ~removed | (sd < MAX_SD_RATIO * prior_sd)
+    kept = ~removed | (sd < _MAX_SD_RATIO * prior_sd)
     removed &= kept
     value[removed], sd[removed] = remove_prior(value[removed], sd[removed], prior[removed], prior_sd[removed])
     entries = {"case": rows["case"].astype(str).to_numpy(), "specimen": rows["specimen"].to_numpy(int)}
@@ -51,7 +51,7 @@ def extract_estimates(table: pd.DataFrame) -> tuple[pd.DataFrame, bool]:
     return select_rows(estimates, kept), bool(is_shared.any())
 
 
-def find_shared_priors(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+def _find_shared_priors(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
     """Return (r,) which recordings have the prior of another specimen, and which repeat that of their own.
 
     Args:
@@ -60,7 +60,7 @@ def find_shared_priors(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
     places: dict[str, list[int]] = {}
     for k, (prior, prior_sd) in enumerate(zip(rows["prior"], rows["prior_sd"], strict=True)):
         if np.isfinite(prior) and np.isfinite(prior_sd):
-            places.setdefault(f"{prior:.{PRIOR_DIGITS - 1}e} {prior_sd:.{PRIOR_DIGITS - 1}e}", []).append(k)
+            places.setdefault(f"{prior:.{_PRIOR_DIGITS - 1}e} {prior_sd:.{_PRIOR_DIGITS - 1}e}", []).append(k)
     specimen = rows["specimen"].to_numpy(int)
     is_shared, is_repeated = np.zeros((2, len(rows)), dtype=bool)
     for members in places.values():

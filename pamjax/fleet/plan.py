@@ -18,7 +18,7 @@ from pamjax.records.reading.specimen import Specimen, read_date, read_label
 from pamjax.records.toml_text import parse_toml
 
 #: Characters of a pattern.
-WILDCARDS = "*?["
+_WILDCARDS = "*?["
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def _assign_groups(folder: Path, groups: Sequence[GroupTable], file: str) -> dic
     return origins
 
 
-def is_case_folder(folder: Path) -> bool:
+def _is_case_folder(folder: Path) -> bool:
     """Return whether a folder has at least one of the two files of a case."""
     return (folder / RECORDING_FILE).is_file() or (folder / MUSCLE_FILE).is_file()
 
@@ -194,7 +194,7 @@ def _find_by_patterns(folder: Path, patterns: Sequence[str], where: str) -> list
         except ValueError as error:
             remedy = "Write `**` between slashes, as `north/**`."
             raise refuse("`**` must be a whole part of a pattern", f"{pattern!r}", where, remedy) from error
-        matches = [path for path in paths if is_case_folder(path) and not _is_hidden(path, folder)]
+        matches = [path for path in paths if _is_case_folder(path) and not _is_hidden(path, folder)]
         if not matches:
             rule = f"no folder with {RECORDING_FILE} matches {pattern!r}"
             raise refuse(rule, where=where, remedy=f"The pattern is relative to {folder}.")
@@ -208,15 +208,15 @@ def _find_by_paths(sources: Sequence[Path]) -> tuple[Path, list[Path]]:
     for source in sources:
         path = Path(os.path.abspath(source))
         if path.is_dir():
-            matches = [path] if is_case_folder(path) else _find_by_patterns(path, ["**"], str(source))
-        elif any(sign in str(source) for sign in WILDCARDS):
-            root = next(parent for parent in path.parents if not any(s in str(parent) for s in WILDCARDS))
+            matches = [path] if _is_case_folder(path) else _find_by_patterns(path, ["**"], str(source))
+        elif any(sign in str(source) for sign in _WILDCARDS):
+            root = next(parent for parent in path.parents if not any(s in str(parent) for s in _WILDCARDS))
             matches = _find_by_patterns(root, [path.relative_to(root).as_posix()], str(source))
         else:
             rule = "a fleet must be a FLEET.toml, a folder of cases, or case folders"
             raise refuse(rule, f"{source}, which does not exist as such", remedy="Check the path.")
         case_folders += matches
-    if len(sources) == 1 and not is_case_folder(Path(sources[0])) and Path(sources[0]).is_dir():
+    if len(sources) == 1 and not _is_case_folder(Path(sources[0])) and Path(sources[0]).is_dir():
         return Path(os.path.abspath(sources[0])), case_folders
     return Path(os.path.commonpath([str(folder.parent) for folder in case_folders])), case_folders
 

@@ -23,15 +23,15 @@ from pamjax.errors import refuse
 from pamjax.fleet.restricted_likelihood import compute_log_likelihoods, fit_coefficients
 
 #: Number of values of τ in the first and in each finer grid.
-GRID_SIZE = 120
+_GRID_SIZE = 120
 #: Number of finer grids around the maximum.
-REFINEMENTS = 2
+_REFINEMENTS = 2
 #: Fall of the log-likelihood at the ends of the 95 % interval.
-PROFILE_FALL = float(stats.chi2.ppf(0.95, 1)) / 2
+_PROFILE_FALL = float(stats.chi2.ppf(0.95, 1)) / 2
 #: Smallest number of specimens of a distribution.
 MIN_SPECIMENS = 3
 #: Probability of any false alarm among all specimens of all distributions.
-OUTLIER_P_VALUE = 0.05
+_OUTLIER_P_VALUE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class PooledNumber:
 
         The Bonferroni correction is for all specimens of all distributions.
         """
-        return self.p_value * len(self.p_value) * self.distribution_count < OUTLIER_P_VALUE
+        return self.p_value * len(self.p_value) * self.distribution_count < _OUTLIER_P_VALUE
 
 
 def pool_estimates(estimate: np.ndarray, sd: np.ndarray, distribution_count: int = 1) -> PooledNumber:
@@ -121,13 +121,13 @@ def maximise_likelihood(y: np.ndarray, s: np.ndarray) -> tuple[float, tuple[floa
         s: (n,) their sd.
     """
     grid = _build_grid(y, s)
-    for _ in range(REFINEMENTS):
+    for _ in range(_REFINEMENTS):
         k = int(np.argmax(_compute_log_likelihoods(y, s, grid)))
-        grid = np.linspace(grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)], GRID_SIZE)
+        grid = np.linspace(grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)], _GRID_SIZE)
     values = _compute_log_likelihoods(y, s, grid)
     tau, top = float(grid[np.argmax(values)]), float(values.max())
     wide = np.unique(np.append(_build_grid(y, s, 40.0), tau))
-    inside = wide[_compute_log_likelihoods(y, s, wide) >= top - PROFILE_FALL]
+    inside = wide[_compute_log_likelihoods(y, s, wide) >= top - _PROFILE_FALL]
     return tau, (
         _find_crossing(y, s, wide, float(inside[0]), top, -1),
         _find_crossing(y, s, wide, float(inside[-1]), top, 1),
@@ -144,7 +144,7 @@ def _find_crossing(
     inner, outer = edge, float(grid[k])
     for _ in range(40):
         middle = (inner + outer) / 2
-        is_inside = _compute_log_likelihoods(y, s, np.array([middle]))[0] >= top - PROFILE_FALL
+        is_inside = _compute_log_likelihoods(y, s, np.array([middle]))[0] >= top - _PROFILE_FALL
         inner, outer = (middle, outer) if is_inside else (inner, middle)
     return inner
 
@@ -152,7 +152,7 @@ def _find_crossing(
 def _build_grid(y: np.ndarray, s: np.ndarray, factor: float = 3.0) -> np.ndarray:
     """Return values of τ from zero to `factor` times the range of the estimates."""
     high = factor * max(float(np.ptp(y)), float(s.min()))
-    return np.concatenate([[0.0], np.geomspace(1e-4 * high / factor, high, GRID_SIZE)])
+    return np.concatenate([[0.0], np.geomspace(1e-4 * high / factor, high, _GRID_SIZE)])
 
 
 def _compute_log_likelihoods(y: np.ndarray, s: np.ndarray, taus: np.ndarray) -> np.ndarray:

@@ -26,10 +26,9 @@ from pamjax.errors import refuse
 from pamjax.fleet.plan import FleetCase, FleetPlan
 from pamjax.fleet.task import FleetTask, build_task, collect_task_versions, describe_task
 from pamjax.records.files import write_atomically
-from pamjax.records.reading.specimen import Specimen, read_date
 
-FLEET_SCHEMA = "pamjax.fleet/1"
-FLEET_FILE, TASK_FILE, TIME_FILE, ERROR_FILE = "fleet.json", "task.json", "time.json", "error.txt"
+_FLEET_SCHEMA = "pamjax.fleet/1"
+_FLEET_FILE, _TASK_FILE, _TIME_FILE, ERROR_FILE = "fleet.json", "task.json", "time.json", "error.txt"
 #: File that a running fleet locks.
 LOCK_FILE = ".lock"
 
@@ -89,7 +88,7 @@ class FleetStore:
     def write_plan(self, plan: FleetPlan) -> None:
         """Write fleet.json to a prepared folder that no other run has locked."""
         document = {
-            "schema": FLEET_SCHEMA,
+            "schema": _FLEET_SCHEMA,
             "name": plan.name,
             "folder": str(plan.folder),
             "stages": list(plan.stages),
@@ -102,7 +101,7 @@ class FleetStore:
             "versions": collect_task_versions(),
             "cases": [_serialise_case(self, plan, case) for case in plan.cases],
         }
-        with write_atomically(self.folder / FLEET_FILE) as temporary:
+        with write_atomically(self.folder / _FLEET_FILE) as temporary:
             temporary.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", "utf-8")
 
 
@@ -112,20 +111,20 @@ def read_store_document(folder: Path) -> dict[str, Any]:
     Raises:
         BadInput: if the folder is no store, of another version, or has names that lead out of it.
     """
-    rule = f"the store of a fleet must be a folder with {FLEET_FILE}"
+    rule = f"the store of a fleet must be a folder with {_FLEET_FILE}"
     remedy = "Name the folder that `pamjax fleet` wrote, or an empty one for a new fleet."
     try:
-        document = json.loads((folder / FLEET_FILE).read_text("utf-8"))
+        document = json.loads((folder / _FLEET_FILE).read_text("utf-8"))
     except FileNotFoundError as error:
         raise refuse(rule, f"{folder}, which has none", remedy=remedy) from error
     except (OSError, ValueError) as error:
-        raise refuse(f"{folder / FLEET_FILE} must be readable JSON", remedy=remedy) from error
-    if not isinstance(document, dict) or document.get("schema") != FLEET_SCHEMA:
+        raise refuse(f"{folder / _FLEET_FILE} must be readable JSON", remedy=remedy) from error
+    if not isinstance(document, dict) or document.get("schema") != _FLEET_SCHEMA:
         schema = document.get("schema") if isinstance(document, dict) else None
         raise refuse(
-            f"{folder / FLEET_FILE} must have the schema {FLEET_SCHEMA}", repr(schema), remedy=remedy
+            f"{folder / _FLEET_FILE} must have the schema {_FLEET_SCHEMA}", repr(schema), remedy=remedy
         )
-    _check_case_names(document, folder / FLEET_FILE)
+    _check_case_names(document, folder / _FLEET_FILE)
     return document
 
 
@@ -143,19 +142,12 @@ def _check_case_names(document: dict[str, Any], file: Path) -> None:
             raise refuse(rule, repr(str(path)), str(file), "Use a store that `pamjax fleet` wrote.")
 
 
-def read_specimen_entry(entry: dict[str, Any]) -> Specimen:
-    """Return the origin of a case from its entry in fleet.json."""
-    return Specimen(
-        bench=entry["bench"], serial=entry["serial"], type=entry["type"], date=read_date(entry["date"])
-    )
-
-
 def read_outcome(folder: Path, key: str) -> TaskOutcome:
     """Return the outcome of a task in its folder; "open" if the folder has none of this name."""
-    document = read_json(folder / TASK_FILE)
+    document = read_json(folder / _TASK_FILE)
     if document.get("key") != key or document.get("state") not in (DONE, REFUSED, SET_ASIDE):
         return TaskOutcome(key, OPEN)
-    seconds = read_json(folder / TIME_FILE).get("seconds", 0.0)
+    seconds = read_json(folder / _TIME_FILE).get("seconds", 0.0)
     return TaskOutcome(key, document["state"], document.get("reason", ""), seconds)
 
 
@@ -199,8 +191,8 @@ def write_outcome(folder: Path, task: FleetTask, outcome: TaskOutcome) -> None:
     """Write task.json and time.json of an outcome."""
     document = describe_task(task) | {"state": outcome.state, "reason": outcome.reason}
     texts = {
-        TASK_FILE: json.dumps(document, indent=1, sort_keys=True, ensure_ascii=False) + "\n",
-        TIME_FILE: json.dumps({"seconds": round(outcome.seconds, 3)}) + "\n",
+        _TASK_FILE: json.dumps(document, indent=1, sort_keys=True, ensure_ascii=False) + "\n",
+        _TIME_FILE: json.dumps({"seconds": round(outcome.seconds, 3)}) + "\n",
     }
     for name, text in texts.items():
         (folder / name).write_text(text, "utf-8")

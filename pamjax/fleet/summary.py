@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pamjax.fleet.answers import FleetAnswers, NumberDistribution
+from pamjax.fleet.analysis import FleetAnswers, NumberDistribution
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frequency import BenchFrequency
 from pamjax.fleet.pooling import MIN_SPECIMENS
@@ -16,7 +16,7 @@ from pamjax.text import join_words
 from pamjax.units import compute_si_factor, format_count
 
 #: Largest number of specimens in one sentence about outliers.
-MAX_NAMED_SPECIMENS = 5
+_MAX_NAMED_SPECIMENS = 5
 
 
 def format_value(value: float, sd: float | None, unit: str) -> str:
@@ -37,15 +37,15 @@ def format_sd(sd: float, unit: str) -> str:
 def list_findings(answers: FleetAnswers) -> list[str]:
     """Return the findings of a fleet: differing benches, outliers, drift, unexplained misfit."""
     findings = [
-        *(line for f in answers.mechanisms for line in format_bench_frequency(f, "identified")),
-        *(line for f in answers.limits for line in format_bench_frequency(f, "at its limit")),
-        *(line for distribution in answers.distributions for line in format_bench_differences(distribution)),
+        *(line for f in answers.mechanisms for line in _format_bench_frequency(f, "identified")),
+        *(line for f in answers.limits for line in _format_bench_frequency(f, "at its limit")),
+        *(line for distribution in answers.distributions for line in _format_bench_differences(distribution)),
         *(line for distribution in answers.distributions for line in format_outliers(distribution)),
-        *(line for distribution in answers.distributions for line in format_drift(distribution)),
-        *format_unexplained(answers),
+        *(line for distribution in answers.distributions for line in _format_drift(distribution)),
+        *_format_unexplained(answers),
     ]
     findings = findings or [_format_quiet_result(answers)]
-    return [*findings, *map(format_copies, answers.copies)]
+    return [*findings, *map(_format_copies, answers.copies)]
 
 
 def _format_quiet_result(answers: FleetAnswers) -> str:
@@ -58,12 +58,12 @@ def _format_quiet_result(answers: FleetAnswers) -> str:
     )
 
 
-def format_copies(copies: tuple[str, ...]) -> str:
+def _format_copies(copies: tuple[str, ...]) -> str:
     """Return a sentence about cases with identical inputs."""
     return f"{join_words(copies)} have identical inputs and count as one recording."
 
 
-def format_bench_frequency(frequency: BenchFrequency, condition: str) -> Iterator[str]:
+def _format_bench_frequency(frequency: BenchFrequency, condition: str) -> Iterator[str]:
     """Yield a sentence for each bench on which a condition is more or less frequent.
 
     Args:
@@ -80,7 +80,7 @@ def format_bench_frequency(frequency: BenchFrequency, condition: str) -> Iterato
         )
 
 
-def format_bench_differences(distribution: NumberDistribution) -> Iterator[str]:
+def _format_bench_differences(distribution: NumberDistribution) -> Iterator[str]:
     """Yield a sentence for each bench whose specimens differ in a number."""
     for bench in distribution.deviating_benches:
         slope = distribution.benches[bench]
@@ -96,19 +96,19 @@ def format_outliers(distribution: NumberDistribution) -> Iterator[str]:
     """Yield a sentence about each outlier of a number, the farthest first."""
     pooled = distribution.pooled
     places = [int(k) for k in np.argsort(-np.abs(pooled.deviation)) if pooled.outliers[k]]
-    for k in places[:MAX_NAMED_SPECIMENS]:
+    for k in places[:_MAX_NAMED_SPECIMENS]:
         value = format_value(float(pooled.estimate[k]), float(pooled.sd[k]), distribution.unit)
         direction = "above" if pooled.deviation[k] > 0 else "below"
         yield (
             f"{distribution.estimates.names[k]} is an outlier in {name_distribution(distribution)}: {value},"
             f" {abs(pooled.deviation[k]):.1f} sd {direction} the other specimens."
         )
-    if len(places) > MAX_NAMED_SPECIMENS:
-        rest = format_count(len(places) - MAX_NAMED_SPECIMENS, "more outlier")
+    if len(places) > _MAX_NAMED_SPECIMENS:
+        rest = format_count(len(places) - _MAX_NAMED_SPECIMENS, "more outlier")
         yield f"{name_distribution(distribution)} has {rest}."
 
 
-def format_drift(distribution: NumberDistribution) -> Iterator[str]:
+def _format_drift(distribution: NumberDistribution) -> Iterator[str]:
     """Yield a sentence about a significant drift."""
     if distribution.drift is None or not distribution.drifts:
         return
@@ -121,7 +121,7 @@ def format_drift(distribution: NumberDistribution) -> Iterator[str]:
     )
 
 
-def format_unexplained(answers: FleetAnswers) -> Iterator[str]:
+def _format_unexplained(answers: FleetAnswers) -> Iterator[str]:
     """Yield sentences about misfit that no mechanism explains."""
     summary = answers.unexplained
     if not summary.count:

@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 #: Folder of the tables in a store.
-TABLE_FOLDER = "tables"
+_TABLE_FOLDER = "tables"
 
 #: Columns of each table with their types.
-TABLE_COLUMNS: dict[str, dict[str, str]] = {
+_TABLE_COLUMNS: dict[str, dict[str, str]] = {
     "cases": {
         "case": "string", "folder": "string", "bench": "string", "serial": "string", "type": "string",
         "date": "date", "checksum": "string", "state": "string", "reason": "string", "report": "string",
@@ -91,7 +91,7 @@ def build_tables(folder: Path) -> FleetTables:
 def _build_tables(
     store: FleetStore, document: dict[str, Any], outcomes: list[dict[str, TaskOutcome]]
 ) -> FleetTables:
-    rows: dict[str, list[dict[str, Any]]] = {name: [] for name in TABLE_COLUMNS}
+    rows: dict[str, list[dict[str, Any]]] = {name: [] for name in _TABLE_COLUMNS}
     for entry, case_outcomes in zip(document["cases"], outcomes, strict=True):
         _collect_case(store, entry, case_outcomes, rows)
     frames = {name: _build_frame(name, table_rows) for name, table_rows in rows.items()}
@@ -124,10 +124,10 @@ def write_tables(tables: FleetTables, folder: Path) -> list[Path]:
 
     from pamjax.records.files import write_atomically
 
-    (folder / TABLE_FOLDER).mkdir(exist_ok=True)
+    (folder / _TABLE_FOLDER).mkdir(exist_ok=True)
     paths = []
     for name, frame in tables.frames.items():
-        paths.append(folder / TABLE_FOLDER / f"{name}.parquet")
+        paths.append(folder / _TABLE_FOLDER / f"{name}.parquet")
         with write_atomically(paths[-1]) as temporary:
             pq.write_table(_to_arrow(name, frame, tables.digest), temporary)
     return paths
@@ -144,9 +144,9 @@ def read_tables(folder: Path) -> FleetTables:
     document, store = read_store_document(folder), FleetStore(folder)
     outcomes = _read_outcomes(store, document)
     digest, frames = _compute_digest(document, outcomes), {}
-    for name in TABLE_COLUMNS:
+    for name in _TABLE_COLUMNS:
         try:
-            table = pq.read_table(folder / TABLE_FOLDER / f"{name}.parquet")
+            table = pq.read_table(folder / _TABLE_FOLDER / f"{name}.parquet")
         except (OSError, ValueError):
             return _build_tables(store, document, outcomes)
         if (table.schema.metadata or {}).get(b"digest") != digest.encode():
@@ -165,7 +165,7 @@ def _to_arrow(name: str, frame: pd.DataFrame, digest: str) -> pa.Table:
         "bool": pa.bool_(),
         "date": pa.date32(),
     }
-    columns = TABLE_COLUMNS[name]
+    columns = _TABLE_COLUMNS[name]
     schema = pa.schema([(column, types[kind]) for column, kind in columns.items()], {"digest": digest})
     arrays = [
         pa.array([None if pd.isna(v) else v for v in frame[column]], types[kind])
@@ -175,7 +175,7 @@ def _to_arrow(name: str, frame: pd.DataFrame, digest: str) -> pa.Table:
 
 
 def _build_frame(name: str, rows: list[dict[str, Any]]) -> pd.DataFrame:
-    columns = TABLE_COLUMNS[name]
+    columns = _TABLE_COLUMNS[name]
     data = {
         column: pd.Series([row.get(column) for row in rows], dtype=_PANDAS_TYPES[kind])
         for column, kind in columns.items()

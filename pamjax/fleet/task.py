@@ -15,7 +15,7 @@ import pamjax
 from pamjax.fleet.plan import FleetCase, FleetPlan
 
 #: Packages whose versions are part of a task's name, besides Python's.
-NUMERIC_PACKAGES = ("pamjax", "jax", "jaxlib", "numpy", "scipy", "optimistix")
+_NUMERIC_PACKAGES = ("pamjax", "jax", "jaxlib", "numpy", "scipy", "optimistix")
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def build_task(plan: FleetPlan, case: FleetCase, stage: str, target: Path) -> Fl
     >>> task.key == build_task(plan, case, "check", Path("elsewhere")).key
     True
     """
-    settings = list_settings(plan, stage)
+    settings = _list_settings(plan, stage)
     name = {
         "stage": stage,
         "inputs": case.checksum,
@@ -62,7 +62,7 @@ def build_task(plan: FleetPlan, case: FleetCase, stage: str, target: Path) -> Fl
     return FleetTask(key, case.name, case.folder, target, stage, case.checksum, settings)
 
 
-def list_settings(plan: FleetPlan, stage: str) -> dict[str, Any]:
+def _list_settings(plan: FleetPlan, stage: str) -> dict[str, Any]:
     """Return the settings that a stage uses."""
     fit = plan.fit.model_dump()
     if stage == "check":
@@ -77,7 +77,7 @@ def collect_task_versions() -> dict[str, str]:
     sources, root = hashlib.sha256(), Path(pamjax.__file__).parent
     for source in sorted(root.rglob("*.py")):
         sources.update(source.relative_to(root).as_posix().encode() + b"\0" + source.read_bytes())
-    versions = {package: version(package) for package in NUMERIC_PACKAGES}
+    versions = {package: version(package) for package in _NUMERIC_PACKAGES}
     return versions | {"python": platform.python_version(), "sources": sources.hexdigest()}
 
 

@@ -12,9 +12,9 @@ import pandas as pd
 from pamjax.fleet.frames import list_rows, select_rows
 
 #: Number of cells of the grid of pressure and contraction, in each direction.
-REGION_GRID = 40
+_REGION_GRID = 40
 #: Smallest share of the recordings with unexplained misfit that a common region must have.
-MIN_COMMON_SHARE = 0.5
+_MIN_COMMON_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -60,13 +60,13 @@ def summarise_unexplained(cases: pd.DataFrame, regions: pd.DataFrame) -> Unexpla
     diagnosed = select_rows(cases, cases["misfit_p_value"].notna())
     affected = select_rows(diagnosed, diagnosed["unexplained"])
     likenesses = Counter(str(name) for name in affected["unexplained_like"].dropna())
-    region = find_common_region(select_rows(regions, regions["case"].isin(affected["case"].tolist())))
-    if region is not None and (region.cases < 2 or region.cases < MIN_COMMON_SHARE * len(affected)):
+    region = _find_common_region(select_rows(regions, regions["case"].isin(affected["case"].tolist())))
+    if region is not None and (region.cases < 2 or region.cases < _MIN_COMMON_SHARE * len(affected)):
         region = None
     return UnexplainedSummary(len(affected), len(diagnosed), dict(likenesses.most_common()), region)
 
 
-def find_common_region(regions: pd.DataFrame) -> CommonRegion | None:
+def _find_common_region(regions: pd.DataFrame) -> CommonRegion | None:
     """Return the region of pressure and contraction that most cases have in common."""
     best: CommonRegion | None = None
     places = sorted(set(zip(regions["channel"], regions["direction"], strict=True)))
@@ -101,5 +101,5 @@ def _intersect(channel: str, direction: str, boxes: list[dict[str, Any]]) -> Com
 def _build_centres(boxes: list[dict[str, Any]], low: str, high: str) -> np.ndarray:
     """Return the centres of the cells between the lowest and the highest end of all boxes."""
     ends = min(box[low] for box in boxes), max(box[high] for box in boxes)
-    step = (ends[1] - ends[0]) / REGION_GRID
-    return np.linspace(ends[0] + step / 2, ends[1] - step / 2, REGION_GRID)
+    step = (ends[1] - ends[0]) / _REGION_GRID
+    return np.linspace(ends[0] + step / 2, ends[1] - step / 2, _REGION_GRID)

@@ -37,7 +37,7 @@ from pamjax.records.case import Case, ensure_case
 from pamjax.records.files import write_atomically
 
 #: Largest number of protocols in a summary.
-MAX_LISTED_PROTOCOLS = 6
+_MAX_LISTED_PROTOCOLS = 6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -79,7 +79,7 @@ class Discrimination(NotebookNote):
             "tell": list(self.ids),
             "chi2_worse": self.chi2_difference,
             "explained": not self.neither_explains,
-            "says": self.verdict,
+            "says": self.comparison_sentence,
             "left": {
                 id: {"p_value": residual_test.p_value, "rms_over_noise": math.sqrt(residual_test.mean_square)}
                 for id, residual_test in zip(self.ids, self.residual_tests, strict=True)
@@ -94,7 +94,7 @@ class Discrimination(NotebookNote):
         wanted_power, alarm = DEFAULT_SETTINGS.sufficient_power, DEFAULT_SETTINGS.false_alarm_rate
         condition = "if one of them is present nevertheless" if self.neither_explains else "next experiment"
         lines = [
-            f"{self.case.name}: {self.verdict}",
+            f"{self.case.name}: {self.comparison_sentence}",
             f"  {condition}: {self.chosen_experiment.protocol}",
             f"  power {self.chosen_experiment.power:.2f} at a false-alarm rate of {alarm:.0%}"
             + (
@@ -106,12 +106,12 @@ class Discrimination(NotebookNote):
             lines
             + [
                 f"  {experiment.power:5.2f}  {experiment.id:<4} {experiment.protocol}"
-                for experiment in self.ranked_experiments[:MAX_LISTED_PROTOCOLS]
+                for experiment in self.ranked_experiments[:_MAX_LISTED_PROTOCOLS]
             ]
         )
 
     @property
-    def verdict(self) -> str:
+    def comparison_sentence(self) -> str:
         """Return which mechanism fits the recording better; or that neither explains it."""
         first, second = self.ids
         better, worse = (first, second) if self.chi2_difference > 0 else (second, first)
@@ -218,7 +218,7 @@ def fit_mechanism(library_problem: LibraryProblem, baseline: CandidateFit, id: s
 def _build_unavailable_error(id: str, case: Case) -> BadInput:
     if id in MECHANISMS_NEEDING_TIME and not case.recording.has_time:
         rule = f"mechanism {id!r} needs time"
-        remedy = "Record strokes first: `pamjax plan` without `--tell` proposes runs."
+        remedy = "Record strokes first: `plan` proposes runs."
         return refuse(rule, "a table without time", case.name, remedy)
     rule = "both mechanisms must have an effect on the recording that its baseline does not include"
     return refuse(rule, f"{id!r} without such an effect", case.name)

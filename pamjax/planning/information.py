@@ -6,9 +6,9 @@ The information of a run is
 
 over its samples, with the exact derivatives J of force and diameter with respect to every parameter, divided
 by the effective noise of a sample. The effective noise includes the noise of pressure and length, propagated
-through the model. Sensor zeros, sensor gains and the rig compliance are parameters too. The information is
-evaluated at several parameter vectors drawn from the prior, because it depends on the parameters: a stiff
-thread stretches less, so its stiffness is harder to measure.
+through the model. Sensor zeros, sensor gains and the rig compliance are parameters too. The information
+depends on the parameters: a stiff thread stretches less, so its stiffness is harder to measure. It is
+therefore evaluated at several parameter vectors drawn from the prior.
 
 Samples are equilibria of the muscle without rubber, tapered ends and mechanisms with memory.
 
@@ -38,21 +38,21 @@ from pamjax.infer.problem.parameter_space import FreeParameter, ParameterSpace, 
 from pamjax.infer.problem.priors import is_length_error, list_free_parameters
 from pamjax.jit import compile_on_call
 from pamjax.model.parameters import LENGTH_ERROR_PREFIX, find_meaning
-from pamjax.planning.bench import RigCapabilities
-from pamjax.planning.runs import PlannedRun, set_lengths
+from pamjax.planning.rig_capabilities import DEFAULT_CHANNEL_SDS, RigCapabilities
+from pamjax.planning.runs import PlannedRun, compute_fixed_lengths
 from pamjax.records.blocks import find_length_settings
 from pamjax.records.case import Case
 from pamjax.records.reading.muscle_toml import MuscleToml
 from pamjax.records.recording import Recording
 
 #: Number of parameter vectors at which information is evaluated.
-PRIOR_DRAW_COUNT = 9
+_PRIOR_DRAW_COUNT = 9
 
 #: Largest number of samples for the information of a run; the result is scaled to all samples.
-MAX_RUN_SAMPLES = 200
+_MAX_RUN_SAMPLES = 200
 
 #: Limit of the drawn parameter vectors, in standard deviations from the mean.
-MAX_DRAW_SD = 2.0
+_MAX_DRAW_SD = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,12 +94,12 @@ class PriorInformation:
             if n not in self.capabilities.error_sds and not is_length_error(n)
         ]
 
-    def draw_parameters(self, count: int = PRIOR_DRAW_COUNT, seed: int = 0) -> np.ndarray:
+    def draw_parameters(self, count: int = _PRIOR_DRAW_COUNT, seed: int = 0) -> np.ndarray:
         """Return parameter vectors drawn from the information, (count, p), SI; the first is the mean."""
         # A parameter without prior is drawn within its unit, not over its whole range.
         inverse = np.linalg.inv(self.matrix + np.diag(1.0 * ~np.isfinite(np.asarray(self.space.sd))))
         draws = np.random.default_rng(seed).standard_normal((count, self.mean.size))
-        draws = np.clip(_stratify_draws(draws), -MAX_DRAW_SD, MAX_DRAW_SD)
+        draws = np.clip(_stratify_draws(draws), -_MAX_DRAW_SD, _MAX_DRAW_SD)
         draws[0] = 0.0
         values = self.mean + draws @ np.linalg.cholesky(inverse).T * self.scale
         low, high = np.asarray(self.space.low), np.asarray(self.space.high)
@@ -133,9 +133,9 @@ class PriorInformation:
         error_slopes = self._compute_error_slopes(input_slopes, readings, np.asarray(rows.pressure)[:n])
         length_slopes = self._compute_length_error_slopes(input_slopes[1], setting)
         slopes = np.concatenate([slopes, error_slopes, length_slopes])
-        noise = [x**2 if x else math.inf for x in (self.capabilities.force, self.capabilities.diameter)]
-        input_variance = (self.capabilities.gauge * input_slopes[0]) ** 2 + (
-            self.capabilities.ruler * input_slopes[1]
+        noise = [x**2 if x else math.inf for x in (self.capabilities.force_sd, self.capabilities.diameter_sd)]
+        input_variance = (self.capabilities.pressure_sd * input_slopes[0]) ** 2 + (
+            self.capabilities.length_sd * input_slopes[1]
         ) ** 2
         variance = np.array(noise)[:, None] + input_variance
         # Samples of a slack muscle or without equilibrium have no information.
@@ -186,14 +186,14 @@ class PriorInformation:
 
     def find_settings(self, runs: Sequence[PlannedRun]) -> np.ndarray:
         """Return the index of each run's set length; strokes have the index after the last length."""
-        lengths = set_lengths(self.capabilities, self.entry.rest_length.value)
+        lengths = compute_fixed_lengths(self.capabilities, self.entry.rest_length.value)
         return np.array(
             [int(np.argmin(abs(lengths - r.length[0]))) if r.has_fixed_length else lengths.size for r in runs]
         )
 
     def compute_run_information(self, runs: Sequence[PlannedRun], values: np.ndarray) -> np.ndarray:
         """Return the information of each run at given parameter values, (r, p, p)."""
-        thinned_runs = [run.select_samples(MAX_RUN_SAMPLES) for run in runs]
+        thinned_runs = [run.select_samples(_MAX_RUN_SAMPLES) for run in runs]
         label = np.concatenate([np.full(run.pressure.size, k) for k, run in enumerate(thinned_runs)])
         information = np.zeros((len(runs), *self.matrix.shape))
         if label.size:
@@ -291,8 +291,8 @@ def build_prior_information(
         for n, sd in capabilities.error_sds.items()
     ]
     # One error for each set length, and one for all strokes.
-    setting_count = set_lengths(capabilities, entry.rest_length.value).size + 1
-    length_errors = _build_length_errors(capabilities.setting, setting_count)
+    setting_count = compute_fixed_lengths(capabilities, entry.rest_length.value).size + 1
+    length_errors = _build_length_errors(capabilities.length_setting_sd, setting_count)
     prior_information = _build_from_priors(entry, capabilities, law, [*free_parameters, *length_errors])
     return prior_information if case is None else _update_with_recording(prior_information, case)
 
@@ -368,10 +368,12 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
     label, matrix = np.zeros(case.recording.n, dtype=int), recorded_information.matrix
     for channel, channel_noise in noise.items():
         # Without a stated noise, use the larger of the residual and the default.
-        default_sd = getattr(prior_information.capabilities, channel) or getattr(RigCapabilities, channel)
+        default_sd = prior_information.capabilities.channel_sds[channel] or DEFAULT_CHANNEL_SDS[channel]
         sensor_sd = getattr(case.entry.sensors, channel) or max(default_sd, channel_noise.sd)
-        channel_rig = replace(prior_information.capabilities, **{channel: sensor_sd}).keep_channel(channel)
-        channel_rig = replace(channel_rig, ruler=0.0) if sd else channel_rig
+        channel_rig = replace(prior_information.capabilities, **{f"{channel}_sd": sensor_sd}).keep_channel(
+            channel
+        )
+        channel_rig = replace(channel_rig, length_sd=0.0) if sd else channel_rig
         samples_per_independent = (
             max(channel_noise.rms_over_noise, 1.0) ** 2 * channel_noise.autocorrelation_time
         )

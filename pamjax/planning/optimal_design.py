@@ -23,10 +23,10 @@ from itertools import chain, combinations, combinations_with_replacement
 import numpy as np
 
 #: Largest number of exchanges, and number of starting designs that are improved by exchanges.
-MAX_EXCHANGES, SEARCHED_STARTS = 20, 2
+_MAX_EXCHANGES, _SEARCHED_STARTS = 20, 2
 
 #: Smallest relative gain of an accepted exchange.
-MIN_GAIN = 1e-4
+_MIN_GAIN = 1e-4
 
 #: Function from (…, t, p, p) information at t parameter vectors to the value to minimise, (…).
 Criterion = Callable[[np.ndarray], np.ndarray]
@@ -86,7 +86,7 @@ class RunMenu:
         ends = [self._fill_greedily(counts) for counts in starts if counts @ self.minutes <= self.budget]
         # Improve only the best starting designs.
         ends = [
-            self._exchange_runs(counts) for counts in sorted(ends, key=self._rank_counts)[:SEARCHED_STARTS]
+            self._exchange_runs(counts) for counts in sorted(ends, key=self._rank_counts)[:_SEARCHED_STARTS]
         ]
         return min(map(self._drop_unneeded, ends), key=self._rank_counts)
 
@@ -116,7 +116,7 @@ class RunMenu:
 
     def _exchange_runs(self, counts: np.ndarray) -> np.ndarray:
         """Remove one or two runs and refill the design, while this improves it."""
-        for _ in range(MAX_EXCHANGES):
+        for _ in range(_MAX_EXCHANGES):
             # Once the goal is reached, an exchange must not need more time.
             max_minutes = (
                 float(counts @ self.minutes) if self.compute_criterion(counts) <= self.goal else self.budget
@@ -126,7 +126,7 @@ class RunMenu:
                 for reduced_counts in self._remove_runs(counts)
             ]
             best = min(trials, key=self.compute_criterion, default=counts)
-            if self.compute_criterion(best) >= self.compute_criterion(counts) * (1 - MIN_GAIN):
+            if self.compute_criterion(best) >= self.compute_criterion(counts) * (1 - _MIN_GAIN):
                 break
             counts = best
         return counts

@@ -14,13 +14,13 @@ import pandas as pd
 from pamjax.errors import check_minimum, refuse, suggest_word
 from pamjax.model.parameters import find_meaning
 from pamjax.notebook import NotebookNote
-from pamjax.planning.bench import RigCapabilities, read_capabilities
 from pamjax.planning.information import (
     PriorInformation,
     build_prior_information,
     list_muscle_parameters,
 )
 from pamjax.planning.optimal_design import RunMenu, build_variance_criterion, build_volume_criterion
+from pamjax.planning.rig_capabilities import RigCapabilities, read_capabilities
 from pamjax.planning.runs import ISOBAR_CYCLES, PlannedRun, list_isobars, list_runs
 from pamjax.records.case import Case, ensure_case_or_toml
 from pamjax.records.files import write_atomically
@@ -28,7 +28,7 @@ from pamjax.records.reading.muscle_toml import MuscleToml
 from pamjax.units import compute_si_factor, format_quantity, parse_number
 
 #: Default goals, the stiffness of the threads, and the default relative precision.
-DEFAULT_GOALS, DEFAULT_PRECISION = ("thread.modulus", "thread.stiffness"), 0.05
+_DEFAULT_GOALS, _DEFAULT_PRECISION = ("thread.modulus", "thread.stiffness"), 0.05
 
 #: Goal that means all parameters of the muscle together.
 ALL_NUMBERS = "all"
@@ -158,7 +158,7 @@ def plan(
             channels of the case.
         goal: parameter to determine, such as "thread.modulus", or "all"; None is the stiffness of the
             threads.
-        to: wanted standard deviation of the goal, "5 %" or "4 GPa" (a number: SI); None is 5 %, and the
+        to: wanted standard deviation of the goal, "5 %" or "4 GPa" (a number: SI). None is 5 %, and the
             smallest possible value for "all".
         minutes: available time, min; None uses that of the rig.
         law: thread law; None uses that of the baseline model.
@@ -177,9 +177,11 @@ def plan(
     check_minimum("seed", seed, 0)
     source = ensure_case_or_toml(muscle)
     case, entry = (source, source.entry) if isinstance(source, Case) else (None, source)
-    limits_of_recording: dict[str, Any] = {"highest": _find_highest_pressure(case)} if case else {}
+    limits_of_recording: dict[str, Any] = (
+        {"max_recorded_pressure": _find_highest_pressure(case)} if case else {}
+    )
     if case and not case.recording.measures_length:
-        limits_of_recording["recorded"] = case.recording.channels
+        limits_of_recording["recorded_channels"] = case.recording.channels
     capabilities = (
         rig
         if isinstance(rig, RigCapabilities)
@@ -280,7 +282,7 @@ def _compute_isobar_sds(prior: PriorInformation, run_menu: RunMenu, minutes: flo
 
 def _resolve_goal(own_names: list[str], goal: str | None) -> str:
     if goal is None:
-        goal = next((name for name in DEFAULT_GOALS if name in own_names), ALL_NUMBERS)
+        goal = next((name for name in _DEFAULT_GOALS if name in own_names), ALL_NUMBERS)
     if goal != ALL_NUMBERS and goal not in own_names:
         rule = f"{goal!r} is no free parameter of this muscle"
         raise refuse(rule, remedy=suggest_word(goal, [*own_names, ALL_NUMBERS]))
@@ -290,20 +292,20 @@ def _resolve_goal(own_names: list[str], goal: str | None) -> str:
 def _resolve_target_sd(prior: PriorInformation, goal: str, to: str | float | None) -> float:
     if goal == ALL_NUMBERS:
         if to is not None:
-            raise refuse("the goal `all` has no wanted standard deviation", f"{to} in --to")
+            raise refuse("the goal `all` has no wanted standard deviation", f"{to} in `to`")
         return 0.0
     value = abs(float(prior.mean[prior.find_index(goal)]))
     if to is None:
-        return DEFAULT_PRECISION * value
+        return _DEFAULT_PRECISION * value
     if isinstance(to, str) and to.strip().endswith("%"):
-        target_sd = float(parse_number(to.strip()[:-1], "1", "--to")) / 100 * value
+        target_sd = float(parse_number(to.strip()[:-1], "1", "`to`")) / 100 * value
     else:
-        target_sd = parse_number(str(to), find_meaning(goal).unit, "--to")
+        target_sd = parse_number(str(to), find_meaning(goal).unit, "`to`")
     if not 0 < target_sd < math.inf:
         raise refuse(
             "a wanted standard deviation must be positive",
             format_quantity(target_sd, find_meaning(goal).show),
-            "--to",
+            "`to`",
         )
     return target_sd
 

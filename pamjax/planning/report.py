@@ -9,13 +9,13 @@ from pamjax.model.parameters import find_meaning
 from pamjax.units import format_quantity
 
 if TYPE_CHECKING:
-    from pamjax.planning.bench import RigCapabilities
     from pamjax.planning.plan import ExpectedSd, Plan
+    from pamjax.planning.rig_capabilities import RigCapabilities
 
 #: Rms residual of the recording over noise above which the summary reports a misfit.
-MIN_MISFIT_RATIO = 1.5
+_MIN_MISFIT_RATIO = 1.5
 #: Ratio of two standard deviations below which the summary reports the first as smaller.
-LESS_SD_RATIO = 0.95
+_LESS_SD_RATIO = 0.95
 
 
 def format_plan_note(plan: Plan) -> str:
@@ -34,16 +34,16 @@ def format_plan_note(plan: Plan) -> str:
     error_text = ", ".join(
         f"{n} {format_quantity(sd, find_meaning(n).show, 2)}" for n, sd in capabilities.assumed_sds.items()
     )
-    lines += ["", f"  rig: {format_rig(capabilities)}; it measures {' and '.join(capabilities.channels)}"]
+    lines += ["", f"  rig: {_format_rig(capabilities)}; it measures {' and '.join(capabilities.channels)}"]
     lines += [f"  assumed sd of the rig's errors: {error_text}", f"  limits: {format_neglected(plan)}"]
     return "\n".join(lines)
 
 
-def format_rig(capabilities: RigCapabilities) -> str:
+def _format_rig(capabilities: RigCapabilities) -> str:
     """Return the limits, the speed and the sampling rate of the rig."""
     limits = (
-        f"up to {format_quantity(capabilities.pressure, 'kPa', 3)} and"
-        f" {capabilities.contraction:.0%} contraction"
+        f"up to {format_quantity(capabilities.max_pressure, 'kPa', 3)} and"
+        f" {capabilities.max_contraction:.0%} contraction"
     )
     return f"{limits}, {1e3 * capabilities.speed:.3g} mm/s, sampling rate {capabilities.rate:.3g} Hz"
 
@@ -51,7 +51,7 @@ def format_rig(capabilities: RigCapabilities) -> str:
 def format_misfit(plan: Plan) -> str:
     """Return a warning if the model does not fit the existing recording, else an empty string."""
     misfit_ratios = {
-        channel: ratio for channel, ratio in plan.prior.misfit_ratios.items() if ratio > MIN_MISFIT_RATIO
+        channel: ratio for channel, ratio in plan.prior.misfit_ratios.items() if ratio > _MIN_MISFIT_RATIO
     }
     misfit_text = " and ".join(f"{ratio:.2g} for {channel}" for channel, ratio in misfit_ratios.items())
     return (
@@ -152,7 +152,7 @@ def format_isobars(plan: Plan) -> str:
     first = next(iter(plan.expected_sds))
     unit, plan_sd = find_meaning(first).show, plan.expected_sds[first].sd_after
     sd_text, sd_ratio = f"± {format_quantity(plan.isobars_sd, unit, 2)}", plan.isobars_sd / plan_sd
-    if sd_ratio < LESS_SD_RATIO:
+    if sd_ratio < _LESS_SD_RATIO:
         # The isobars may have any duration; a plan has complete runs only.
         is_shortest = plan.target_sd and plan.reaches_goal
         shortest_text = "; of complete runs, this plan is the shortest found" if is_shortest else ""

@@ -6,23 +6,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pamjax.planning.bench import RigCapabilities
+from pamjax.diagnosis.next_experiment.protocols import GAUGE_BLOCK_SD_M, REFERENCE_SD_SHARE
+from pamjax.planning.rig_capabilities import RigCapabilities
 from pamjax.units import format_quantity
 
 #: Numbers of levels of pressure and of contraction.
-PRESSURE_LEVELS, CONTRACTION_LEVELS = 5, 4
+_PRESSURE_LEVELS, _CONTRACTION_LEVELS = 5, 4
 
 #: Duration of a ramp up or down, and of a hold, s.
-RAMP_SECONDS, HOLD_SECONDS = 60.0, 60.0
+_RAMP_SECONDS, _HOLD_SECONDS = 60.0, 60.0
 
-#: Independent readings of a check; sd of reference instruments: a fraction of the reading, and m.
-CHECK_READINGS, REFERENCE_SHARE, GAUGE_BLOCK_SD = 10, 1e-3, 2e-5
+#: Independent readings of a check.
+_CHECK_READINGS = 10
 
 #: Strokes at each pressure in the protocol of Chambers & Wereley (2022).
 ISOBAR_CYCLES = 3
 
 #: Tension of a steel bar in a check, N.
-CHECK_FORCE = 1000.0
+_CHECK_FORCE = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +61,7 @@ class PlannedRun:
 
 def list_runs(capabilities: RigCapabilities, rest_length: float) -> list[PlannedRun]:
     """Return all runs and checks of a rig with a muscle of this rest length, m."""
-    pressures = capabilities.pressure * np.arange(1, PRESSURE_LEVELS + 1) / PRESSURE_LEVELS
+    pressures = capabilities.max_pressure * np.arange(1, _PRESSURE_LEVELS + 1) / _PRESSURE_LEVELS
     contractions = _contractions(capabilities)
     all_runs = [_build_stroke(capabilities, rest_length, p) for p in pressures]
     all_runs += [_build_ramp(capabilities, rest_length, c) for c in contractions]
@@ -70,13 +71,13 @@ def list_runs(capabilities: RigCapabilities, rest_length: float) -> list[Planned
     return all_runs + _list_checks(capabilities)
 
 
-def set_lengths(capabilities: RigCapabilities, rest_length: float) -> np.ndarray:
+def compute_fixed_lengths(capabilities: RigCapabilities, rest_length: float) -> np.ndarray:
     """Return the fixed lengths of a rig's runs, m."""
     return rest_length * (1 - _contractions(capabilities))
 
 
 def _contractions(capabilities: RigCapabilities) -> np.ndarray:
-    return capabilities.contraction * np.arange(CONTRACTION_LEVELS) / CONTRACTION_LEVELS
+    return capabilities.max_contraction * np.arange(_CONTRACTION_LEVELS) / _CONTRACTION_LEVELS
 
 
 def _build_run(
@@ -86,7 +87,7 @@ def _build_run(
     n = max(int(seconds * capabilities.rate), 1)
     corner_times, pressure, length = (np.array(x) for x in zip(*corners, strict=True))
     share = (np.arange(n) + 0.5) / n
-    minutes = (seconds + capabilities.setup) / 60
+    minutes = (seconds + capabilities.setup_seconds) / 60
     return PlannedRun(
         description,
         np.interp(share, corner_times, pressure),
@@ -97,25 +98,28 @@ def _build_run(
 
 
 def _build_stroke(capabilities: RigCapabilities, rest_length: float, pressure: float) -> PlannedRun:
-    shortest = rest_length * (1 - capabilities.contraction)
+    shortest = rest_length * (1 - capabilities.max_contraction)
     description = (
-        f"stroke to {capabilities.contraction:.0%} contraction and back at"
+        f"stroke to {capabilities.max_contraction:.0%} contraction and back at"
         f" {format_quantity(pressure, 'kPa', 3)}"
     )
     corners = [(0.0, pressure, rest_length), (0.5, pressure, shortest), (1.0, pressure, rest_length)]
     return _build_run(
-        capabilities, description, 2 * rest_length * capabilities.contraction / capabilities.speed, corners
+        capabilities,
+        description,
+        2 * rest_length * capabilities.max_contraction / capabilities.speed,
+        corners,
     )
 
 
 def _build_ramp(capabilities: RigCapabilities, rest_length: float, contraction: float) -> PlannedRun:
-    length, max_pressure = rest_length * (1 - contraction), capabilities.pressure
+    length, max_pressure = rest_length * (1 - contraction), capabilities.max_pressure
     place = f"{contraction:.0%} contraction" if contraction else "rest length"
     description = f"pressure ramp to {format_quantity(max_pressure, 'kPa', 3)} and back at {place}"
     return _build_run(
         capabilities,
         description,
-        2 * RAMP_SECONDS,
+        2 * _RAMP_SECONDS,
         [(0.0, 0.0, length), (0.5, max_pressure, length), (1.0, 0.0, length)],
     )
 
@@ -125,37 +129,37 @@ def _build_hold(
 ) -> PlannedRun:
     length = rest_length * (1 - contraction)
     place = f"{contraction:.0%} contraction" if contraction else "rest length"
-    description = f"hold of {HOLD_SECONDS:.0f} s at {format_quantity(pressure, 'kPa', 3)} and {place}"
+    description = f"hold of {_HOLD_SECONDS:.0f} s at {format_quantity(pressure, 'kPa', 3)} and {place}"
     return _build_run(
-        capabilities, description, HOLD_SECONDS, [(0.0, pressure, length), (1.0, pressure, length)]
+        capabilities, description, _HOLD_SECONDS, [(0.0, pressure, length), (1.0, pressure, length)]
     )
 
 
 def _list_checks(capabilities: RigCapabilities) -> list[PlannedRun]:
     """Return the checks that measure zeros and gains of the rig without the muscle."""
-    averaging, no_samples = CHECK_READINGS**0.5, np.zeros(0)
-    force, diameter = capabilities.force or 0.0, capabilities.diameter or 0.0
+    averaging, no_samples = _CHECK_READINGS**0.5, np.zeros(0)
+    force, diameter = capabilities.force_sd or 0.0, capabilities.diameter_sd or 0.0
     # All readings of one bar have the same length error.
-    ruler = max(capabilities.ruler / averaging, capabilities.setting)
+    ruler = max(capabilities.length_sd / averaging, capabilities.length_setting_sd)
     checks = {
         "reading of all channels, vented and unclamped": (
             3.0,
             {
                 "force_offset.offset": force / averaging,
-                "pressure_offset.offset": capabilities.gauge / averaging,
+                "pressure_offset.offset": capabilities.pressure_sd / averaging,
             },
         ),
         "reading of a steel bar of known length and width in the grips": (
             15.0,
             {
-                "length_offset.offset": max(ruler, GAUGE_BLOCK_SD),
-                "diameter_offset.offset": max(diameter / averaging, GAUGE_BLOCK_SD),
-                "rig_compliance.compliance": ruler / CHECK_FORCE,
+                "length_offset.offset": max(ruler, GAUGE_BLOCK_SD_M),
+                "diameter_offset.offset": max(diameter / averaging, GAUGE_BLOCK_SD_M),
+                "rig_compliance.compliance": ruler / _CHECK_FORCE,
             },
         ),
         "reading of dead weights and of a second gauge": (
             20.0,
-            {"force_gain.gain": REFERENCE_SHARE, "pressure_gain.gain": REFERENCE_SHARE},
+            {"force_gain.gain": REFERENCE_SD_SHARE, "pressure_gain.gain": REFERENCE_SD_SHARE},
         ),
     }
     measured = {"pressure", "length", "rig", *capabilities.channels}
@@ -169,7 +173,7 @@ def _list_checks(capabilities: RigCapabilities) -> list[PlannedRun]:
 def list_isobars(capabilities: RigCapabilities, rest_length: float, count: int = 10) -> list[PlannedRun]:
     """Return the protocol of Chambers & Wereley (2022): three strokes at each of ten pressures."""
     return [
-        _build_stroke(capabilities, rest_length, capabilities.pressure * k / count)
+        _build_stroke(capabilities, rest_length, capabilities.max_pressure * k / count)
         for k in range(1, count + 1)
         for _ in range(ISOBAR_CYCLES)
     ]

@@ -20,13 +20,13 @@ from pamjax.sizing.specification.spec import Spec
 MAX_ASSURED_CHOICES, MAX_FAILURES = 30, 16
 #: Excess of the search's probability over the target, standard errors, tried in this order: a candidate that
 #: is optimised on the draws of the search is a little less probable on other draws.
-SEARCH_EXCESSES = (2.0, 3.0, 5.0)
+_SEARCH_EXCESSES = (2.0, 3.0, 5.0)
 #: Excess at which no further one is tried, standard errors: the reported probability has draws of its own.
-SUFFICIENT_EXCESS = 1.0
+_SUFFICIENT_EXCESS = 1.0
 #: Largest excess, as a share of the distance from the target to one.
-MAX_EXCESS_SHARE = 0.5
+_MAX_EXCESS_SHARE = 0.5
 #: Probability, as a share of the target, below which a choice is given up.
-HOPELESS_SHARE = 0.95
+_HOPELESS_SHARE = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,21 +79,21 @@ def assure_probability(
 def _assure_choice(result: ChoiceResult, transfer: CalibrationTransfer, spec: Spec, seed: int) -> Finalist:
     target, tolerance = spec.entries.probability, spec.entries.tolerance
     best, start = Finalist(result, 0.0), result
-    for excess in SEARCH_EXCESSES:
+    for excess in _SEARCH_EXCESSES:
         # The errors are shares of the dimensions, which change with each pass.
         errors = chance.choose_problem_errors(start, tolerance)
         draws = chance.draw_builds(result.problem, transfer, errors, chance.SEARCH_DRAWS, seed)
         start, _ = chance.meet_probability(result, draws, _raise_target(target, excess))
         probability = _estimate_selection_probability(start, transfer, spec, seed)
         best = max(best, Finalist(start, probability), key=lambda finalist: finalist.probability)
-        if probability >= _raise_target(target, SUFFICIENT_EXCESS) or probability < HOPELESS_SHARE * target:
+        if probability >= _raise_target(target, _SUFFICIENT_EXCESS) or probability < _HOPELESS_SHARE * target:
             break
     return best
 
 
 def _raise_target(target: float, excess: float) -> float:
-    """Return the target plus an excess in standard errors, at most `MAX_EXCESS_SHARE` of the way to one."""
-    return target + min(excess * chance.compute_standard_error(target), MAX_EXCESS_SHARE * (1 - target))
+    """Return the target plus an excess in standard errors, at most `_MAX_EXCESS_SHARE` of the way to one."""
+    return target + min(excess * chance.compute_standard_error(target), _MAX_EXCESS_SHARE * (1 - target))
 
 
 def _estimate_selection_probability(

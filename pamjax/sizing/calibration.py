@@ -1,8 +1,8 @@
 """Transfer of a calibrated muscle to a design: its material properties, friction and uncertainty.
 
 Not transferred: lengths and turns, which belong to the specimen, and sensor errors, which belong to the rig.
-Transferred: thread modulus, rubber, friction, crimp of the threads and taper of the ends, all as parameters
-that do not depend on the size of the muscle.
+Transferred: thread modulus, rubber, friction, crimp of the threads and taper of the ends. Their parameters do
+not depend on the size of the muscle.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from pamjax.sizing.specification.materials import BladderKind, ThreadKind, list_
 from pamjax.sizing.specification.schema import Calibration
 
 #: Transferred mechanisms besides threads and rubber, with the transferred parameters of each.
-TRANSFERABLE_NUMBERS = {
+_TRANSFERABLE_NUMBERS = {
     "thread_crimp": ("crimp", "load"),
     "braid_locking": ("stiffness", "exponent"),
     "end_taper": ("share", "radius"),
@@ -187,11 +187,11 @@ def _transfer_mechanisms(muscle: Bench, area: float, file: str, sources: list[st
             )
             if float(mechanism.stiffening) > 0:
                 sources.append("not transferred: stiffening of the rubber at large stretch")
-        elif mechanism.id in TRANSFERABLE_NUMBERS:
+        elif mechanism.id in _TRANSFERABLE_NUMBERS:
             ids.append(mechanism.id)
             numbers |= {
                 f"{mechanism.id}.{name}": float(getattr(mechanism, name))
-                for name in TRANSFERABLE_NUMBERS[mechanism.id]
+                for name in _TRANSFERABLE_NUMBERS[mechanism.id]
             }
             sources.append(f"{mechanism.about.title} ({mechanism.id}) from {file}")
         elif not isinstance(mechanism, BraidElasticity):
@@ -254,7 +254,7 @@ def _transfer_posterior(
             if properties.get("shear") is None:
                 updates["shear"] = float(values.mean())
         elif (
-            owner in TRANSFERABLE_NUMBERS
+            owner in _TRANSFERABLE_NUMBERS
             and f"{owner}.{parameter}" in properties.get("numbers", {})
             and parameter not in ("load", "radius")
         ):

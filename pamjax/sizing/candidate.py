@@ -45,12 +45,12 @@ from pamjax.model.registry import order_mechanisms
 #: Number of operating points of a candidate; a spec with fewer points repeats its first required one.
 POINT_COUNT = 16
 #: Ambient pressure, Pa.
-AMBIENT_PRESSURE = 101325.0
+_AMBIENT_PRESSURE = 101325.0
 #: Bulging pressure × opening / (shear modulus × wall thickness).
-BULGE_FACTOR = 3.5
+_BULGE_FACTOR = 3.5
 
 #: Number of candidates in one compiled batch.
-BATCH_SIZE = 64
+_BATCH_SIZE = 64
 
 #: Names of the outputs at each operating point, and of the muscle as a whole.
 POINT_OUTPUTS = ("force", "diameter", "tension", "used", "fit", "mesh", "strain", "burst")
@@ -180,9 +180,13 @@ def compute_outputs(
 ) -> Float[Array, " m"]:
     """Return all outputs of a candidate, (m,), in the order of `locate_output`.
 
-    At each point: force (all muscles, N), diameter (outer, m), tension (one thread, N), used (tension /
-    strength), fit (spacing / thread width), mesh (pressure / bulging pressure), strain (hoop strain of the
-    rubber / elongation at break), burst (hoop pull / thread stiffness). Then `MUSCLE_OUTPUTS`, SI.
+    The outputs at each point come first, then `MUSCLE_OUTPUTS`, SI:
+
+        force     of all muscles, N                diameter  outer, m
+        tension   of one thread, N                 used      tension / strength
+        fit       spacing / thread width           mesh      pressure / bulging pressure
+        strain    hoop strain of the rubber / elongation at break
+        burst     hoop pull / thread stiffness
     """
     rest_length, t, working_pressure = jnp.exp(c[0]), jnp.exp(c[3]), jnp.exp(c[4])
     bench = build_bench(c, build, ids, numbers).prepare()
@@ -199,7 +203,7 @@ def compute_outputs(
     spacing = 4 * jnp.pi * state.length * radius / (n * state.thread)
     (rubber,) = bench.find_mechanisms(BladderElasticity)
     stretches = jax.vmap(lambda s: jnp.stack(wall.stretch(rubber, s)))(state)
-    mesh = pressure * (spacing - build.thread_diameter) / (BULGE_FACTOR * build.shear * t * stretches[:, 2])
+    mesh = pressure * (spacing - build.thread_diameter) / (_BULGE_FACTOR * build.shear * t * stretches[:, 2])
     pull = braid.hoop_pull(pressure, length, bench.thread_length, bench.turns)
     burst = pull / (n * build.thread_area * build.modulus)
     outer_diameter = 2 * radius + 2 * build.thread_diameter
@@ -217,9 +221,9 @@ def compute_outputs(
 
     rubber_volume = wall.rubber_volume(rubber)
     rest_volume = braid.volume(rest_length, bench.thread_length, bench.turns) - rubber_volume
-    filled_volume = (pressure + AMBIENT_PRESSURE) * (state.volume - rubber_volume)
+    filled_volume = (pressure + _AMBIENT_PRESSURE) * (state.volume - rubber_volume)
     # Point 0 (rest length at supply pressure) is not part of the stroke.
-    air = build.parallel * (jnp.max(filled_volume[1:]) - AMBIENT_PRESSURE * rest_volume) / AMBIENT_PRESSURE
+    air = build.parallel * (jnp.max(filled_volume[1:]) - _AMBIENT_PRESSURE * rest_volume) / _AMBIENT_PRESSURE
     yarn = n * bench.thread_length * build.thread_area * build.density
     mass = build.parallel * (yarn + rubber_volume * build.rubber_density)
     cost = build.parallel * (yarn * build.price + rubber_volume * build.rubber_density * build.rubber_price)
@@ -310,7 +314,7 @@ def evaluate_many(
         build, numbers: each field is a scalar or has shape (k,).
     """
     k = len(c)
-    rows = -(-k // BATCH_SIZE) * BATCH_SIZE
+    rows = -(-k // _BATCH_SIZE) * _BATCH_SIZE
 
     def pad(x):
         x = np.asarray(x, float)
@@ -319,8 +323,8 @@ def evaluate_many(
 
     padded_inputs, points = jax.tree.map(pad, (c, build, dict(numbers))), _convert_to_arrays(points)
     batches = []
-    for start in range(0, rows, BATCH_SIZE):
-        rows_now = slice(start, start + BATCH_SIZE)
+    for start in range(0, rows, _BATCH_SIZE):
+        rows_now = slice(start, start + _BATCH_SIZE)
         c_now, build_now, numbers_now = jax.tree.map(lambda x, at=rows_now: x[at], padded_inputs)
         batches.append(_compute_batch(c_now, build_now, numbers_now, points, ids=ids))
     return np.concatenate([np.asarray(batch) for batch in batches])[:k]

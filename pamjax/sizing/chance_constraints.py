@@ -1,9 +1,10 @@
 """Chance constraints: a design whose requirements all hold with a required probability.
 
-Drawn: materials and friction from the posterior of a calibration, else uniformly over the range of the
-table's sources; errors of manufacture, of the set length and of the pressure (`tolerances.py`); and the model
-error of the force. The draws are of three seeds: those of the search, those that select the design, and those
-of the reported probability. The reported probability is thus computed once, from draws that no choice used.
+Materials and friction are drawn from the posterior of a calibration, else uniformly over the range of the
+table's sources. Errors of manufacture, of the set length and of the pressure (`tolerances.py`) are drawn too,
+and the model error of the force. The draws are of three seeds: those of the search, those that select the
+design, and those of the reported probability. The reported probability is thus computed once, from draws that
+no choice used.
 
 Each requirement j has a back-off b_j: its margin without errors must be at least b_j. b_j is a quantile of
 the margin's decrease over the draws. The quantile's level is the same for all requirements: the largest at
@@ -35,9 +36,9 @@ from pamjax.sizing.tolerances import BuildErrors, choose_errors
 #: Numbers of draws for the search, and for the selection and the reported probability; powers of two.
 SEARCH_DRAWS, REPORT_DRAWS = 1024, 4096
 #: Largest number of updates of the back-off.
-MAX_ROUNDS = 12
+_MAX_ROUNDS = 12
 #: Number of rounds after which the target of the search is raised if the probability is not reached.
-TRACKING_ROUNDS = 3
+_TRACKING_ROUNDS = 3
 
 
 #: Drawn quantities, each one dimension of the Sobol sequence.
@@ -181,7 +182,7 @@ def meet_probability(result: ChoiceResult, draws: BuildDraws, target: float) -> 
     problem, keys = result.problem, [requirement.key for requirement in result.problem.task.requirements]
     first_z = z = optimum.z
     back_off, search_target = np.zeros(len(keys)), target
-    for round_number in range(MAX_ROUNDS):
+    for round_number in range(_MAX_ROUNDS):
         drawn_margins = compute_margins(problem, z, draws)
         joint_probability = float(np.mean(np.all(drawn_margins >= -MARGIN_TOLERANCE, axis=1)))
         if joint_probability > best[1] or not back_off.any():
@@ -189,7 +190,7 @@ def meet_probability(result: ChoiceResult, draws: BuildDraws, target: float) -> 
             best = candidate, joint_probability
         if joint_probability >= target:
             break
-        if round_number >= TRACKING_ROUNDS:
+        if round_number >= _TRACKING_ROUNDS:
             # The decrease of margins depends on the candidate: raise the target by a few draws.
             search_target = min(search_target + 4 / draws.count, 1 - 1 / draws.count)
         y = problem.compute_outputs(z)
@@ -201,7 +202,7 @@ def meet_probability(result: ChoiceResult, draws: BuildDraws, target: float) -> 
         strict_optimum = _search_feasible(strict, (z, first_z, result.start))
         if strict_optimum is None:
             relaxed = _share_back_off(strict, z)
-            if relaxed is None or round_number > TRACKING_ROUNDS:
+            if relaxed is None or round_number > _TRACKING_ROUNDS:
                 break
             strict, strict_optimum = relaxed
         problem, optimum, z = strict, strict_optimum, strict_optimum.z

@@ -15,19 +15,19 @@ from pamjax.sizing.optimise import SearchResult, minimise_violation, search_opti
 from pamjax.sizing.problem import OBJECTIVE_OUTPUTS, SizingProblem
 
 #: Number of candidates that screen each choice; a power of two.
-SCREENING_POINTS = 128
+_SCREENING_POINTS = 128
 #: Largest number of first starts of a choice; the first feasible optimum ends them.
-FIRST_STARTS = 3
+_FIRST_STARTS = 3
 #: Largest violation from which an optimisation of the objective is started.
-MAX_NEAR_VIOLATION = 1e-3
+_MAX_NEAR_VIOLATION = 1e-3
 #: Largest number of optimised choices, by rank of the screening; the design reports the number of others.
-MAX_SEARCHED_CHOICES = 300
+_MAX_SEARCHED_CHOICES = 300
 #: Number of best choices that are optimised from many starts.
-FINAL_CHOICES = 3
+_FINAL_CHOICES = 3
 #: If no choice is feasible: number of nearest choices that are searched again, and starts of each.
-INFEASIBLE_CHOICES, INFEASIBLE_STARTS = 8, 16
+_INFEASIBLE_CHOICES, _INFEASIBLE_STARTS = 8, 16
 #: Weight of the violation relative to ln(objective) in the ranking of choices.
-VIOLATION_WEIGHT = 10.0
+_VIOLATION_WEIGHT = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class ChoiceResult:
 
 
 def screen_choices(
-    problems: Sequence[SizingProblem], seed: int, point_count: int = SCREENING_POINTS
+    problems: Sequence[SizingProblem], seed: int, point_count: int = _SCREENING_POINTS
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Return the starts of each choice, (point_count, free), the best first, and the merit of its best start.
 
@@ -71,7 +71,7 @@ def screen_choices(
         violation = np.maximum(-np.min(p.compute_margins(outputs), axis=1), 0.0)
         merit = (
             np.log(np.maximum(outputs[:, locate_output(OBJECTIVE_OUTPUTS[p.objective])], 1e-12))
-            + VIOLATION_WEIGHT * violation
+            + _VIOLATION_WEIGHT * violation
         )
         merit = np.where(
             outputs[:, locate_output("unsolved")] > 0, np.inf, np.where(np.isfinite(merit), merit, np.inf)
@@ -106,27 +106,27 @@ def search_choices(
         range(len(problems)), key=lambda k: _compute_penalised_objective(problems[k], starts_by_choice[k][0])
     )
     results = []
-    for rank, k in enumerate(order[:MAX_SEARCHED_CHOICES]):
+    for rank, k in enumerate(order[:_MAX_SEARCHED_CHOICES]):
         progress(
-            f"choice {rank + 1} of {min(len(order), MAX_SEARCHED_CHOICES)}",
-            rank / min(len(order), MAX_SEARCHED_CHOICES),
+            f"choice {rank + 1} of {min(len(order), _MAX_SEARCHED_CHOICES)}",
+            rank / min(len(order), _MAX_SEARCHED_CHOICES),
         )
-        results.append(search_choice(problems[k], starts_by_choice[k][:FIRST_STARTS], stop_after=1))
+        results.append(search_choice(problems[k], starts_by_choice[k][:_FIRST_STARTS], stop_after=1))
     results.sort(key=rank_result)
     starts_by_problem = {
         id(problem): choice_starts for problem, choice_starts in zip(problems, starts_by_choice, strict=True)
     }
     if results[0].optimum is None:
         # Most searches for the smallest violation end at a local minimum: more starts are needed.
-        nearest = results[:INFEASIBLE_CHOICES]
-        results[:INFEASIBLE_CHOICES] = [
+        nearest = results[:_INFEASIBLE_CHOICES]
+        results[:_INFEASIBLE_CHOICES] = [
             search_choice(
-                result.problem, starts_by_problem[id(result.problem)][:INFEASIBLE_STARTS], stop_after=1
+                result.problem, starts_by_problem[id(result.problem)][:_INFEASIBLE_STARTS], stop_after=1
             )
             for result in nearest
         ]
         results.sort(key=rank_result)
-    for position, result in enumerate(results[:FINAL_CHOICES]):
+    for position, result in enumerate(results[:_FINAL_CHOICES]):
         if result.optimum is not None:
             extra_starts = np.concatenate(
                 [result.optimum.z[None], starts_by_problem[id(result.problem)][1:starts]]
@@ -134,12 +134,12 @@ def search_choices(
             refined_result = search_choice(result.problem, extra_starts, method)
             results[position] = refined_result if refined_result.optimum is not None else result
     results.sort(key=rank_result)
-    return results, max(0, len(order) - MAX_SEARCHED_CHOICES)
+    return results, max(0, len(order) - _MAX_SEARCHED_CHOICES)
 
 
 def _compute_penalised_objective(problem: SizingProblem, z: np.ndarray) -> float:
     value, _, margins, _ = problem.evaluate(z)
-    return value + VIOLATION_WEIGHT * max(0.0, -float(np.min(margins)))
+    return value + _VIOLATION_WEIGHT * max(0.0, -float(np.min(margins)))
 
 
 def rank_result(result: ChoiceResult) -> tuple[int, float]:
@@ -164,7 +164,7 @@ def search_choice(
             start, violation, _ = minimise_violation(problem, start)
             if violation < least_violation:
                 least_violation, best_start = violation, start
-            if violation > MAX_NEAR_VIOLATION:
+            if violation > _MAX_NEAR_VIOLATION:
                 continue
         optimum = search_optimum(problem, start, method)
         if optimum.is_feasible:

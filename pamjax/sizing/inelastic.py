@@ -19,46 +19,48 @@ from pamjax.sizing.specification.materials import list_threads
 from pamjax.sizing.specification.spec import Spec
 
 #: Threads for which the errors are reported.
-COMPARED_THREADS = ("aramid", "pet", "nylon")
+_COMPARED_THREADS = ("aramid", "pet", "nylon")
 
 
 @dataclass(frozen=True)
-class InelasticCost:
+class InelasticError:
     """Errors of the inelastic assumption with one kind of thread.
 
     Attributes:
         thread: name of the thread.
         choice: choice with inelastic threads, None if the spec is infeasible.
-        shortfall: largest missing force, N; share: the same relative to the required force.
-        place: operating point of the largest missing force, as text.
-        overrun: excess of the diameter, m; wider: the same relative to the computed diameter.
-        strain: largest strain of the threads.
-        inelastic, elastic: objective with inelastic and with elastic threads, SI; elastic is None if the spec
-            is infeasible with elastic threads.
+        missing_force: largest missing force, N.
+        missing_force_share: the same relative to the required force.
+        worst_point: operating point of the largest missing force, as text.
+        excess_diameter: excess of the diameter, m.
+        excess_diameter_share: the same relative to the computed diameter.
+        max_strain: largest strain of the threads.
+        inelastic_objective: objective with inelastic threads, SI.
+        elastic_objective: objective with elastic threads, SI; None if the spec is infeasible with them.
     """
 
     thread: str
     choice: Choice | None
-    shortfall: float = 0.0
-    share: float = 0.0
-    place: str = ""
-    overrun: float = 0.0
-    wider: float = 0.0
-    strain: float = 0.0
-    inelastic: float = 0.0
-    elastic: float | None = None
+    missing_force: float = 0.0
+    missing_force_share: float = 0.0
+    worst_point: str = ""
+    excess_diameter: float = 0.0
+    excess_diameter_share: float = 0.0
+    max_strain: float = 0.0
+    inelastic_objective: float = 0.0
+    elastic_objective: float | None = None
 
 
-def compute_inelastic_costs(
+def compute_inelastic_errors(
     spec: Spec, task: SizingTask, transfer: CalibrationTransfer, choice: Choice, seed: int
-) -> list[InelasticCost]:
+) -> list[InelasticError]:
     """Return the errors for aramid, polyester and nylon, with the chosen bladder and number of muscles."""
-    return [_compute_cost(spec, task, transfer, choice, name, seed) for name in COMPARED_THREADS]
+    return [_compute_error(spec, task, transfer, choice, name, seed) for name in _COMPARED_THREADS]
 
 
-def _compute_cost(
+def _compute_error(
     spec: Spec, task: SizingTask, transfer: CalibrationTransfer, base_choice: Choice, name: str, seed: int
-) -> InelasticCost:
+) -> InelasticError:
     kind = next((kind for kind in spec.threads if kind.name == name), list_threads()[name])
     if spec.entries.threads.diameters is not None:
         kind = replace(kind, diameters=spec.entries.threads.diameters)
@@ -74,7 +76,7 @@ def _compute_cost(
     ]
     best = _find_best(inelastic_problems, seed)
     if best is None or best.optimum is None:
-        return InelasticCost(name, None)
+        return InelasticError(name, None)
     elastic_best = _find_best(elastic_problems, seed)
     z, inelastic_outputs = best.optimum.z, best.problem.compute_outputs(best.optimum.z)
     elastic_outputs = best.problem.copy_with(build=best.problem.build._replace(elastic=1.0)).compute_outputs(
@@ -91,17 +93,17 @@ def _compute_cost(
     strains = elastic_outputs[[locate_output("tension", k) for k in range(task.point_count)]] / (
         build.thread_area * build.modulus
     )
-    return InelasticCost(
+    return InelasticError(
         name,
         best.problem.choice,
-        shortfall=max(0.0, float(shortfalls[worst])),
-        share=max(0.0, float(shortfalls[worst] / force_scale[worst])),
-        place=task.labels[worst],
-        overrun=float(elastic_outputs[widest] - inelastic_outputs[widest]),
-        wider=float(elastic_outputs[widest] / inelastic_outputs[widest] - 1),
-        strain=float(np.max(strains)),
-        inelastic=float(inelastic_outputs[objective_index]),
-        elastic=float(np.exp(elastic_best.optimum.log_objective))
+        missing_force=max(0.0, float(shortfalls[worst])),
+        missing_force_share=max(0.0, float(shortfalls[worst] / force_scale[worst])),
+        worst_point=task.labels[worst],
+        excess_diameter=float(elastic_outputs[widest] - inelastic_outputs[widest]),
+        excess_diameter_share=float(elastic_outputs[widest] / inelastic_outputs[widest] - 1),
+        max_strain=float(np.max(strains)),
+        inelastic_objective=float(inelastic_outputs[objective_index]),
+        elastic_objective=float(np.exp(elastic_best.optimum.log_objective))
         if elastic_best is not None and elastic_best.optimum is not None
         else None,
     )

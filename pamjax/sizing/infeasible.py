@@ -22,11 +22,11 @@ from pamjax.sizing.requirements import Requirement
 from pamjax.units import compute_si_factor
 
 #: Number of nearest choices over which the smallest relaxation is computed.
-NEAREST_CHOICES = 8
+_NEAREST_CHOICES = 8
 #: Permitted violation of the other requirements while one is relaxed.
-MAX_OTHER_VIOLATION = 1e-4
+_MAX_OTHER_VIOLATION = 1e-4
 #: Share of the conflict below which a requirement is not reported.
-MIN_CONFLICT_SHARE = 1e-3
+_MIN_CONFLICT_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def find_conflict(results: Sequence[ChoiceResult]) -> tuple[ChoiceResult, list[R
     Args:
         results: choices, none of which is feasible.
     """
-    nearest_results = sorted(results, key=lambda result: result.violation)[:NEAREST_CHOICES]
+    nearest_results = sorted(results, key=lambda result: result.violation)[:_NEAREST_CHOICES]
     problem = nearest_results[0].problem
     z, _, multipliers = minimise_violation(problem, nearest_results[0].start)
     conflict_shares = [
@@ -103,7 +103,7 @@ def find_conflict(results: Sequence[ChoiceResult]) -> tuple[ChoiceResult, list[R
     ]
     relaxations = []
     for k, requirement in enumerate(problem.task.requirements):
-        if conflict_shares[k] < MIN_CONFLICT_SHARE:
+        if conflict_shares[k] < _MIN_CONFLICT_SHARE:
             continue
         least_relaxation = min(
             (_relax_alone(result.problem, result.start, k) for result in nearest_results), default=math.inf
@@ -125,7 +125,7 @@ def _relax_alone(problem: SizingProblem, start: np.ndarray, k: int) -> float:
     for trial_start in (start, problem.to_scaled(problem.start_high), np.full(start.size, 0.5)):
         z, violation, _ = minimise_violation(problem, trial_start, weights)
         others = problem.evaluate(z)[2][weights == 0]
-        if others.size == 0 or float(np.min(others)) > -MAX_OTHER_VIOLATION:
+        if others.size == 0 or float(np.min(others)) > -_MAX_OTHER_VIOLATION:
             return violation
     return math.inf
 

@@ -17,6 +17,7 @@ from pamjax.records.case import MUSCLE_FILE
 from pamjax.records.files import write_folder_atomically
 from pamjax.sizing.candidate import MUSCLE_OUTPUTS, locate_output
 from pamjax.sizing.enumerate import ChoiceResult
+from pamjax.sizing.inelastic import InelasticError
 from pamjax.sizing.problem import OBJECTIVE_UNITS
 from pamjax.sizing.result import Design
 from pamjax.sizing.scatter import build_scatter_document
@@ -24,9 +25,9 @@ from pamjax.sizing.shopping import list_checks, list_parts
 from pamjax.sizing.tolerances import TOLERANCE_UNITS
 from pamjax.units import compute_si_factor, format_quantity
 
-DESIGN_SCHEMA = "pamjax.design/1"
+_DESIGN_SCHEMA = "pamjax.design/1"
 #: Start of the text on the errors of manufacture and sensors in a receipt.
-TOLERANCE_LABEL = "manufacture and sensors, one standard deviation: "
+_TOLERANCE_LABEL = "manufacture and sensors, one standard deviation: "
 
 
 def build_design_document(design: Design) -> dict[str, Any]:
@@ -34,7 +35,7 @@ def build_design_document(design: Design) -> dict[str, Any]:
     entries, choice = design.spec.entries, design.choice
     unit = OBJECTIVE_UNITS[entries.minimise]
     return {
-        "schema": DESIGN_SCHEMA,
+        "schema": _DESIGN_SCHEMA,
         "versions": {name: version(name) for name in ("pamjax", "jax", "scipy", "numpy")},
         "spec": {"name": design.spec.name, "file": design.spec.file, "sha256": _hash_text(design.spec.text)},
         "feasible": design.feasible,
@@ -67,14 +68,14 @@ def build_design_document(design: Design) -> dict[str, Any]:
         "probability_reached": not design.misses_probability,
         "sensitivity": {
             "requirements": {
-                price.requirement.key: {"share": price.percent_saved, "slope": price.slope}
-                for price in design.prices
+                sensitivity.requirement.key: {"share": sensitivity.percent_saved, "slope": sensitivity.slope}
+                for sensitivity in design.requirement_sensitivities
             },
             "properties": design.property_sensitivities,
             "at_limits": list(design.active_limits),
         },
         "would_have_to_give": [_describe_relaxation(relaxation) for relaxation in design.relaxations],
-        "inelastic_assumption": [_describe_cost(cost) for cost in design.inelastic_costs],
+        "inelastic_assumption": [_describe_error(error) for error in design.inelastic_errors],
         "front": _describe_front(design),
         "parts": [vars(part) for part in list_parts(design)] if design.feasible else [],
         "checks": list_checks(design) if design.feasible else [],
@@ -150,9 +151,19 @@ def _describe_relaxation(relaxation) -> dict[str, Any]:
     return document | {"contraction": relaxation.contraction, "says": relaxation.description}
 
 
-def _describe_cost(cost) -> dict[str, Any]:
-    document = {k: v for k, v in vars(cost).items() if k != "choice"}
-    return document | {"choice": None if cost.choice is None else str(cost.choice)}
+def _describe_error(error: InelasticError) -> dict[str, Any]:
+    return {
+        "thread": error.thread,
+        "shortfall": error.missing_force,
+        "share": error.missing_force_share,
+        "place": error.worst_point,
+        "overrun": error.excess_diameter,
+        "wider": error.excess_diameter_share,
+        "strain": error.max_strain,
+        "inelastic": error.inelastic_objective,
+        "elastic": error.elastic_objective,
+        "choice": None if error.choice is None else str(error.choice),
+    }
 
 
 def _describe_front(design: Design) -> dict[str, Any] | None:
@@ -188,11 +199,11 @@ def build_receipt(design: Design) -> dict[str, list[str]]:
         uncertain.append(f"thread modulus {_format_range(choice.thread.modulus, 'GPa')}")
     if design.transfer.shear is None or design.transfer.bladder != choice.bladder.name:
         uncertain.append(f"shear modulus of the rubber {_format_range(choice.bladder.modulus, 'MPa')}")
-    uncertain.append(TOLERANCE_LABEL + format_errors(design))
+    uncertain.append(_TOLERANCE_LABEL + _format_errors(design))
     sensitive = [
-        f"{price.requirement.description}: 1 % relaxation reduces {entries.minimise}"
-        f" by {price.percent_saved:.3g} %"
-        for price in design.prices
+        f"{sensitivity.requirement.description}: 1 % relaxation reduces {entries.minimise}"
+        f" by {sensitivity.percent_saved:.3g} %"
+        for sensitivity in design.requirement_sensitivities
     ]
     sensitive += [
         f"{name}: 1 % increase changes {entries.minimise} by {share:+.3g} %"
@@ -230,7 +241,7 @@ def build_receipt(design: Design) -> dict[str, list[str]]:
     }
 
 
-def format_errors(design: Design) -> str:
+def _format_errors(design: Design) -> str:
     """Return the standard deviations of the errors of manufacture, length and pressure as text."""
     errors = design.errors
     parts = {
@@ -252,7 +263,7 @@ def _format_range(known_range, unit: str) -> str:
     return f"{low:.3g} to {high:.3g} {unit}" if high > low else f"{low:.3g} {unit}, assumed exact"
 
 
-def format_muscle_toml(design: Design) -> str:
+def _format_muscle_toml(design: Design) -> str:
     """Return the muscle.toml of the chosen muscle (one of those in parallel)."""
     n, build = design.numbers, design.problem.build
     return f"""\
@@ -312,7 +323,7 @@ def build_model_document(design: Design) -> dict[str, Any]:
                 # The design is valid up to the supply pressure.
                 "calibrated": {"pressure": {"low": 0.0, "high": design.spec.supply}},
                 "muscle": {"law": "elastic", "mechanisms": ids, "numbers": numbers},
-                "muscle_toml": format_muscle_toml(design),
+                "muscle_toml": _format_muscle_toml(design),
             }
         },
     }
@@ -331,7 +342,7 @@ def save_design(design: Design, folder: Path) -> list[Path]:
         if design.feasible:
             _write_json(new_folder / "model.json", build_model_document(design))
             (new_folder / "muscle").mkdir()
-            (new_folder / "muscle" / MUSCLE_FILE).write_text(format_muscle_toml(design), encoding="utf-8")
+            (new_folder / "muscle" / MUSCLE_FILE).write_text(_format_muscle_toml(design), encoding="utf-8")
             names += ["model.json", f"muscle/{MUSCLE_FILE}"]
     return [folder / name for name in names]
 

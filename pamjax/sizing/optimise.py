@@ -23,9 +23,9 @@ from pamjax.sizing.problem import SizingProblem
 #: Permitted violation of a requirement: a millionth of its bound.
 MARGIN_TOLERANCE = 1e-6
 #: Margin below which a requirement is active.
-BINDING_MARGIN = 1e-5
+_BINDING_MARGIN = 1e-5
 #: Largest number of steps of a search.
-MAX_SEARCH_STEPS = 200
+_MAX_SEARCH_STEPS = 200
 METHODS = ("slsqp", "trust-constr")
 
 
@@ -62,7 +62,7 @@ def search_optimum(problem: SizingProblem, start: np.ndarray, method: str = "sls
     else:
         z, steps = _run_slsqp(problem, start)
     log_objective, slope, margins, slopes = problem.evaluate(z)
-    multipliers, stationarity = estimate_multipliers(z, slope, margins, slopes)
+    multipliers, stationarity = _estimate_multipliers(z, slope, margins, slopes)
     return SearchResult(z, log_objective, margins, multipliers, stationarity, steps)
 
 
@@ -82,7 +82,7 @@ def _run_slsqp(problem: SizingProblem, start: np.ndarray) -> tuple[np.ndarray, i
             bounds=Bounds(0.0, 1.0),
             constraints=[constraint],
             method="SLSQP",
-            options={"maxiter": MAX_SEARCH_STEPS, "ftol": 1e-12},
+            options={"maxiter": _MAX_SEARCH_STEPS, "ftol": 1e-12},
         )
     return np.clip(result.x, 0.0, 1.0), int(result.nit)
 
@@ -112,12 +112,12 @@ def _run_trust_constr(problem: SizingProblem, start: np.ndarray) -> tuple[np.nda
     return np.clip(result.x, 0.0, 1.0), int(result.nit)
 
 
-def estimate_multipliers(
+def _estimate_multipliers(
     z: np.ndarray,
     slope: np.ndarray,
     margins: np.ndarray,
     slopes: np.ndarray,
-    binding_margin: float = BINDING_MARGIN,
+    binding_margin: float = _BINDING_MARGIN,
 ) -> tuple[np.ndarray, float]:
     """Return the multipliers, (rows,), and the relative norm of the residual of stationarity."""
     active = np.flatnonzero(margins < binding_margin)
@@ -166,7 +166,7 @@ def minimise_violation(
             bounds=[(0.0, 1.0)] * n + [(0.0, None)],
             constraints=[{"type": "ineq", "fun": margins, "jac": slopes}],
             method="SLSQP",
-            options={"maxiter": MAX_SEARCH_STEPS, "ftol": 1e-12},
+            options={"maxiter": _MAX_SEARCH_STEPS, "ftol": 1e-12},
         )
     z = np.clip(result.x[:n], 0.0, 1.0)
     z, violation = (z0, start_violation) if problem.is_unsolved(z) else (z, float(result.x[n]))
@@ -174,7 +174,7 @@ def minimise_violation(
     if np.any(w > 0):
         # The violation at the result, instead of the value that the solver returns.
         violation = max(0.0, float(np.max(-margins_at_z[w > 0] / w[w > 0])))
-    multipliers, _ = estimate_multipliers(
+    multipliers, _ = _estimate_multipliers(
         np.append(z, 0.5),
         objective_slope,
         margins_at_z + w * violation,

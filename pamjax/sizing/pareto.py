@@ -13,7 +13,7 @@ from pamjax.sizing.optimise import search_optimum
 from pamjax.sizing.problem import OBJECTIVE_OUTPUTS, Choice, SizingProblem
 
 #: Number of points of a front, and number of choices in its search.
-FRONT_POINTS, FRONT_CHOICES = 9, 6
+_FRONT_POINTS, _FRONT_CHOICES = 9, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ def compute_front(results: Sequence[ChoiceResult], second: str) -> ParetoFront:
     """
     first = results[0].problem.objective
     ends = [_find_ends(result, second) for result in results if result.optimum is not None]
-    ends = [choice_ends for choice_ends in ends if choice_ends][:FRONT_CHOICES]
+    ends = [choice_ends for choice_ends in ends if choice_ends][:_FRONT_CHOICES]
     if not ends:
         return ParetoFront(first, second, np.zeros((0, 2)), ())
     rows = [locate_output(OBJECTIVE_OUTPUTS[first]), locate_output(OBJECTIVE_OUTPUTS[second])]
@@ -62,7 +62,7 @@ def compute_front(results: Sequence[ChoiceResult], second: str) -> ParetoFront:
     points_on_front = [start, stop]
     if start[1] > stop[1] * (1 + 1e-6) and stop[1] > 0:
         # All choices have the same caps: with different ones, points would dominate each other by chance.
-        for cap in np.geomspace(start[1], stop[1], FRONT_POINTS)[1:-1]:
+        for cap in np.geomspace(start[1], stop[1], _FRONT_POINTS)[1:-1]:
             capped_points = [
                 build_point(*capped_optimum)
                 for choice_ends in ends

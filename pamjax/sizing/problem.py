@@ -25,20 +25,20 @@ from pamjax.sizing.specification.spec import PACKING_RATIOS, Spec
 from pamjax.units import format_quantity
 
 #: Largest number of discrete choices.
-MAX_CHOICES = 5000
+_MAX_CHOICES = 5000
 #: Default range of the braid angle at rest, rad: 50 to 84 degrees.
-ANGLE_RANGE = (math.radians(50.0), math.radians(84.0))
+_ANGLE_RANGE = (math.radians(50.0), math.radians(84.0))
 #: The same for sold parts, a judgement: braids are seldom closer than 15 degrees to the axis,
 #: see `data/materials/sleeves.csv`.
-BUILDABLE_ANGLE_RANGE = (math.radians(50.0), math.radians(75.0))
+_BUILDABLE_ANGLE_RANGE = (math.radians(50.0), math.radians(75.0))
 #: Upper limit of the contraction of any muscle.
 MAX_SIZING_CONTRACTION = 0.5
 #: Factor by which a search may exceed a stated bound, so that the violation of an infeasible spec is known.
-BOUND_EXTENSION = 4.0
+_BOUND_EXTENSION = 4.0
 #: Margin of every requirement for a candidate without equilibrium.
-UNSOLVED_MARGIN = -1e3
+_UNSOLVED_MARGIN = -1e3
 #: Smallest and largest length and diameter of a muscle, m.
-LENGTH_RANGE, DIAMETER_RANGE = (5e-3, 5.0), (0.5e-3, 0.3)
+_LENGTH_RANGE, _DIAMETER_RANGE = (5e-3, 5.0), (0.5e-3, 0.3)
 
 #: Unit of each objective in reports.
 OBJECTIVE_UNITS = {"diameter": "mm", "mass": "g", "air": "L", "pressure": "kPa", "cost": "1", "length": "mm"}
@@ -123,7 +123,7 @@ def list_choices(spec: Spec) -> list[Choice]:
     """Return all choices of the catalogue.
 
     Raises:
-        BadInput: if there are more than `MAX_CHOICES`.
+        BadInput: if there are more than `_MAX_CHOICES`.
     """
     outer_diameters = spec.entries.bladders.diameters or (None,)
     all_choices = [
@@ -134,8 +134,8 @@ def list_choices(spec: Spec) -> list[Choice]:
             spec.bladders, spec.counts, spec.entries.parallel, outer_diameters
         )
     ]
-    if len(all_choices) > MAX_CHOICES:
-        rule = f"a catalogue must have at most {MAX_CHOICES} combinations"
+    if len(all_choices) > _MAX_CHOICES:
+        rule = f"a catalogue must have at most {_MAX_CHOICES} combinations"
         raise refuse(rule, f"{len(all_choices)}", spec.file, "List fewer kinds, counts or diameters.")
     return all_choices
 
@@ -144,19 +144,22 @@ def compute_bounds(spec: Spec, task: SizingTask, choice: Choice) -> tuple[np.nda
     """Return the lowest and highest coordinates of a search, and the highest of its starts, (5,) each."""
     limits, envelope = spec.entries.limits, spec.entries.envelope
     max_shortening = float(np.max(task.points.shortening))
-    shortest = max(LENGTH_RANGE[0], max_shortening / MAX_SIZING_CONTRACTION)
+    shortest = max(_LENGTH_RANGE[0], max_shortening / MAX_SIZING_CONTRACTION)
     length = task.find_requirement("length")
     free_length = length.bounds[0] if length else max(20 * max_shortening, 0.2)
-    max_diameter = envelope.diameter or (envelope.bundle or DIAMETER_RANGE[1]) / 1.5
-    rest_lengths = limits.rest_length or (min(shortest, free_length / 1.5), BOUND_EXTENSION * free_length)
-    diameters = limits.diameter or (DIAMETER_RANGE[0], min(BOUND_EXTENSION * max_diameter, DIAMETER_RANGE[1]))
+    max_diameter = envelope.diameter or (envelope.bundle or _DIAMETER_RANGE[1]) / 1.5
+    rest_lengths = limits.rest_length or (min(shortest, free_length / 1.5), _BOUND_EXTENSION * free_length)
+    diameters = limits.diameter or (
+        _DIAMETER_RANGE[0],
+        min(_BOUND_EXTENSION * max_diameter, _DIAMETER_RANGE[1]),
+    )
     if choice.outer_diameter is not None:
         diameters = (choice.outer_diameter, choice.outer_diameter)
     wall = limits.wall or choice.bladder.walls
     if choice.tube is not None:
         diameters, wall = (choice.tube.outer_diameter,) * 2, (choice.tube.wall,) * 2
-    pressure = (0.02 * spec.supply, BOUND_EXTENSION * spec.supply)
-    angle = limits.braid_angle or (BUILDABLE_ANGLE_RANGE if spec.stock else ANGLE_RANGE)
+    pressure = (0.02 * spec.supply, _BOUND_EXTENSION * spec.supply)
+    angle = limits.braid_angle or (_BUILDABLE_ANGLE_RANGE if spec.stock else _ANGLE_RANGE)
     logs = [np.log(pair) for pair in (rest_lengths, diameters, wall, pressure)]
     low, high = (np.array([logs[0][k], angle[k], *(pair[k] for pair in logs[1:])]) for k in (0, 1))
     start_high = np.log([free_length, 1.0, max(0.9 * max_diameter, diameters[0]), wall[1], spec.supply])
@@ -245,7 +248,7 @@ class SizingProblem:
                 y, slope = np.where(np.isfinite(y), y, 1e9), np.zeros_like(slope)
             objective_index = locate_output(OBJECTIVE_OUTPUTS[self.objective])
             objective = max(float(y[objective_index]), 1e-12)
-            margins = np.full(self.rows.size, UNSOLVED_MARGIN) if is_unsolved else self.compute_margins(y)
+            margins = np.full(self.rows.size, _UNSOLVED_MARGIN) if is_unsolved else self.compute_margins(y)
             slopes = (self.sense * compute_margin_slope(y[self.rows], self.bounds, self.scale))[
                 :, None
             ] * slope[self.rows]
@@ -254,7 +257,7 @@ class SizingProblem:
 
     def is_unsolved(self, z: np.ndarray) -> bool:
         """Return whether the candidate lacks an equilibrium at some operating point."""
-        return bool(np.min(self.evaluate(z)[2]) <= UNSOLVED_MARGIN)
+        return bool(np.min(self.evaluate(z)[2]) <= _UNSOLVED_MARGIN)
 
     def compute_outputs(self, z: np.ndarray) -> np.ndarray:
         """Return the outputs of the candidate, (m,), in the order of `candidate.compute_outputs`."""

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from pamjax.sizing.result import Design
 
 #: Maximum number of listed sensitivities and of listed relaxations.
-MAX_PRICES, MAX_RELAXATIONS = 3, 6
+_MAX_SENSITIVITIES, _MAX_RELAXATIONS = 3, 6
 #: Probability above which a requirement of pamjax is not listed.
-CERTAIN = 0.995
+_CERTAIN = 0.995
 #: Margin below which a requirement counts as exactly met.
-TIGHT_MARGIN = 1e-4
+_TIGHT_MARGIN = 1e-4
 
 
 def format_design_note(design: Design) -> str:
@@ -38,7 +38,9 @@ def format_design_note(design: Design) -> str:
     objective_text = f"{entries.minimise} {format_objective(design)}, lowest of {design.choice_count} choices"
     lines = [f"{head}; {objective_text}", "", *_format_muscle(design), "", *_format_requirements(design), ""]
     lines += [f"  {sentence}" for sentence in format_probability(design)]
-    lines += _format_prices(design) + _format_inelastic_costs(design) + _format_parts(design)
+    lines += (
+        _format_requirement_sensitivities(design) + _format_inelastic_errors(design) + _format_parts(design)
+    )
     return "\n".join(lines)
 
 
@@ -74,7 +76,7 @@ def _format_requirements(design: Design) -> list[str]:
     for requirement in design.task.requirements:
         probability = design.requirement_probabilities.get(requirement.key, 1.0)
         is_listed = requirement.stated and requirement.key != "supply"
-        if not is_listed and probability > CERTAIN:
+        if not is_listed and probability > _CERTAIN:
             continue
         margin_text = format_requirement_margin(design, requirement)
         value = format_probability_value(probability)
@@ -85,7 +87,7 @@ def _format_requirements(design: Design) -> list[str]:
 def format_requirement_margin(design: Design, requirement: Requirement) -> str:
     """Return the smallest margin of a requirement as text; of a free contraction in % contraction."""
     margin = float(requirement.compute_margins(design.outputs).min())
-    if abs(margin) < TIGHT_MARGIN:
+    if abs(margin) < _TIGHT_MARGIN:
         return "exactly met"
     stated = design.spec.entries.free_contraction
     if requirement.key == "free contraction" and stated is not None and margin > 0:
@@ -128,13 +130,13 @@ def compute_output_ratio(margin: float) -> float:
     )
 
 
-def _format_prices(design: Design) -> list[str]:
-    if not design.prices:
+def _format_requirement_sensitivities(design: Design) -> list[str]:
+    if not design.requirement_sensitivities:
         return []
     objective = design.spec.entries.minimise
     parts = [
-        f"{price.requirement.description} ({price.percent_saved:.2g} %)"
-        for price in design.prices[:MAX_PRICES]
+        f"{sensitivity.requirement.description} ({sensitivity.percent_saved:.2g} %)"
+        for sensitivity in design.requirement_sensitivities[:_MAX_SENSITIVITIES]
     ]
     return [f"  reduction of {objective} if one requirement is relaxed by 1 %: " + "; ".join(parts)]
 
@@ -148,7 +150,7 @@ def format_probability(design: Design) -> list[str]:
         )
         return [first, *_format_cost(design)]
     if design.misses_probability:
-        limit, limit_probability = find_weakest(design)
+        limit, limit_probability = _find_weakest(design)
         # The draws that select a choice are others than those of its reported probability.
         other_reaches = any(finalist.reaches(target) for finalist in design.finalists)
         subject = "the chosen muscle does not reach" if other_reaches else "no choice reaches"
@@ -163,7 +165,7 @@ def format_probability(design: Design) -> list[str]:
     ]
 
 
-def find_weakest(design: Design) -> tuple[str, float]:
+def _find_weakest(design: Design) -> tuple[str, float]:
     """Return the requirement with the smallest probability, as text, and its probability."""
     weakest_key = min(design.requirement_probabilities, key=lambda key: design.requirement_probabilities[key])
     description = next(
@@ -197,14 +199,15 @@ def _format_change(value: float, reference: float) -> str:
     return "no change" if abs(change) < 0.05 else f"{change:+.2g} %"
 
 
-def _format_inelastic_costs(design: Design) -> list[str]:
+def _format_inelastic_errors(design: Design) -> list[str]:
     parts = []
-    for cost in design.inelastic_costs:
-        if cost.choice is None:
-            parts.append(f"{cost.thread} no solution")
+    for error in design.inelastic_errors:
+        if error.choice is None:
+            parts.append(f"{error.thread} no solution")
             continue
-        force = f"force {format_quantity(cost.shortfall, 'N', 2)} ({100 * cost.share:.2g} %) too low"
-        parts.append(f"{cost.thread} {force}, diameter {100 * cost.wider:.2g} % too large")
+        share, missing_force = 100 * error.missing_force_share, format_quantity(error.missing_force, "N", 2)
+        diameter = f"diameter {100 * error.excess_diameter_share:.2g} % too large"
+        parts.append(f"{error.thread} force {missing_force} ({share:.2g} %) too low, {diameter}")
     return ["  error of inelastic threads: " + "; ".join(parts)] if parts else []
 
 
@@ -222,10 +225,10 @@ def _format_relaxations(design: Design) -> list[str]:
     lines = [f"  nearest choice: {design.choice}"]
     if sufficient:
         lines += ["  conflicting requirements, of which relaxing one is sufficient:"]
-        lines += [f"    {description}" for description in sufficient[:MAX_RELAXATIONS]]
+        lines += [f"    {description}" for description in sufficient[:_MAX_RELAXATIONS]]
     if insufficient or not sufficient:
         lines += [f"  {format_joint_conflict(design)}{':' if insufficient else ''}"]
-        lines += [f"    {description}" for description in insufficient[:MAX_RELAXATIONS]]
+        lines += [f"    {description}" for description in insufficient[:_MAX_RELAXATIONS]]
     return lines
 
 

@@ -15,17 +15,17 @@ from pamjax.sizing.assure import Finalist
 from pamjax.sizing.calibration import CalibrationTransfer
 from pamjax.sizing.candidate import OperatingPoints, build_bench, evaluate_many, locate_output
 from pamjax.sizing.enumerate import ChoiceResult
-from pamjax.sizing.inelastic import InelasticCost
+from pamjax.sizing.inelastic import InelasticError
 from pamjax.sizing.infeasible import Relaxation
 from pamjax.sizing.pareto import ParetoFront
 from pamjax.sizing.problem import MAX_SIZING_CONTRACTION, OBJECTIVE_OUTPUTS, Choice, SizingProblem
 from pamjax.sizing.requirements import SizingTask
-from pamjax.sizing.sensitivity import ShadowPrice
+from pamjax.sizing.sensitivity import RequirementSensitivity
 from pamjax.sizing.specification.spec import Spec
 from pamjax.sizing.tolerances import BuildErrors
 
 #: Number of contractions between which the free contraction is interpolated.
-FREE_CONTRACTION_STEPS = 101
+_FREE_CONTRACTION_STEPS = 101
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,11 +38,11 @@ class Design(DrawableResult, NotebookNote):
         chosen_result: the best choice; for an infeasible spec, the nearest candidate.
         probability: probability that all requirements hold; NaN if infeasible.
         requirement_probabilities: probability of each requirement, by key.
-        prices: sensitivity to each active requirement, the largest first.
+        requirement_sensitivities: sensitivity to each active requirement, the largest first.
         property_sensitivities: change of the objective, %, for a 1 % increase of a property, by label.
         active_limits: coordinates at a bound, as text.
         relaxations: relaxations of the conflicting requirements; empty if feasible.
-        inelastic_costs: errors of the inelastic assumption.
+        inelastic_errors: errors of the inelastic assumption.
         front: Pareto front of two objectives, None if infeasible.
         unsearched_count: number of choices that were screened but not optimised.
         seed, method: of the search.
@@ -64,11 +64,11 @@ class Design(DrawableResult, NotebookNote):
     chosen_result: ChoiceResult
     probability: float = math.nan
     requirement_probabilities: dict[str, float] = field(default_factory=dict)
-    prices: tuple[ShadowPrice, ...] = ()
+    requirement_sensitivities: tuple[RequirementSensitivity, ...] = ()
     property_sensitivities: dict[str, float] = field(default_factory=dict)
     active_limits: tuple[str, ...] = ()
     relaxations: tuple[Relaxation, ...] = ()
-    inelastic_costs: tuple[InelasticCost, ...] = ()
+    inelastic_errors: tuple[InelasticError, ...] = ()
     front: ParetoFront | None = None
     unsearched_count: int = 0
     seed: int = 0
@@ -153,7 +153,7 @@ class Design(DrawableResult, NotebookNote):
     @cached_property
     def free_contraction(self) -> float:
         """Return the contraction at which the force at working pressure is zero."""
-        contraction = np.linspace(0.0, MAX_SIZING_CONTRACTION, FREE_CONTRACTION_STEPS)
+        contraction = np.linspace(0.0, MAX_SIZING_CONTRACTION, _FREE_CONTRACTION_STEPS)
         force = self.force(np.full(contraction.size, self.numbers["pressure"]), contraction)
         pulls = np.flatnonzero(force > 0)
         if not pulls.size or pulls[-1] + 1 == contraction.size:

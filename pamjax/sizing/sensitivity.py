@@ -20,12 +20,12 @@ from pamjax.sizing.problem import SizingProblem
 from pamjax.sizing.requirements import Requirement
 
 #: Relative step of a property for its central difference.
-RELATIVE_STEP = 1e-4
+_RELATIVE_STEP = 1e-4
 #: Multiplier below which a requirement is not reported.
-MIN_MULTIPLIER = 1e-4
+_MIN_MULTIPLIER = 1e-4
 
 #: Labels of the examined properties, by field of `MuscleBuild`.
-PROPERTY_LABELS = {
+_PROPERTY_LABELS = {
     "modulus": "thread modulus",
     "strength": "thread strength",
     "shear": "shear modulus of the rubber",
@@ -35,7 +35,7 @@ PROPERTY_LABELS = {
 
 
 @dataclass(frozen=True)
-class ShadowPrice:
+class RequirementSensitivity:
     """Sensitivity of the objective to one requirement.
 
     Attributes:
@@ -49,13 +49,15 @@ class ShadowPrice:
     slope: float
 
 
-def compute_prices(problem: SizingProblem, optimum: SearchResult) -> list[ShadowPrice]:
-    """Return the shadow prices of the active requirements, the largest first."""
-    shadow_prices = []
+def compute_requirement_sensitivities(
+    problem: SizingProblem, optimum: SearchResult
+) -> list[RequirementSensitivity]:
+    """Return the sensitivities to the active requirements, the largest first."""
+    sensitivities = []
     value = float(np.exp(optimum.log_objective))
     for k, requirement in enumerate(problem.task.requirements):
         weights = optimum.multipliers[problem.owner == k]
-        if weights.sum() < MIN_MULTIPLIER:
+        if weights.sum() < _MIN_MULTIPLIER:
             continue
         bounds = np.array(requirement.bounds)
         safe_bounds = np.where(bounds > 0, bounds, requirement.scale)
@@ -67,8 +69,8 @@ def compute_prices(problem: SizingProblem, optimum: SearchResult) -> list[Shadow
         stated_ratio = (
             1 + requirement.fitting_length / requirement.bounds[0] if requirement.fitting_length else 1.0
         )
-        shadow_prices.append(ShadowPrice(requirement, float(weights.sum()) * stated_ratio, slope))
-    return sorted(shadow_prices, key=lambda price: -price.percent_saved)
+        sensitivities.append(RequirementSensitivity(requirement, float(weights.sum()) * stated_ratio, slope))
+    return sorted(sensitivities, key=lambda sensitivity: -sensitivity.percent_saved)
 
 
 def compute_property_sensitivities(problem: SizingProblem, optimum: SearchResult) -> dict[str, float]:
@@ -82,10 +84,10 @@ def compute_property_sensitivities(problem: SizingProblem, optimum: SearchResult
         return value - float(optimum.multipliers @ margins)
 
     sensitivities = {}
-    for field, label in PROPERTY_LABELS.items():
+    for field, label in _PROPERTY_LABELS.items():
         sensitivities[label] = (
-            lagrangian(field, 1 + RELATIVE_STEP) - lagrangian(field, 1 - RELATIVE_STEP)
-        ) / (2 * RELATIVE_STEP)
+            lagrangian(field, 1 + _RELATIVE_STEP) - lagrangian(field, 1 - _RELATIVE_STEP)
+        ) / (2 * _RELATIVE_STEP)
     return sensitivities
 
 

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from pamjax.sizing.result import Design
 
 #: Length of yarn beyond the muscle that a braid needs at both ends together, m.
-YARN_ALLOWANCE = 0.2
+_YARN_ALLOWANCE = 0.2
 #: Length of tube for tests, m, and length under a fitting if the spec states none, m.
-TUBE_ALLOWANCE, FITTING_LENGTH = 0.2, 15e-3
+_TUBE_ALLOWANCE, _FITTING_LENGTH = 0.2, 15e-3
 #: Stretch of a tube and strain of a yarn in the tests on arrival.
-TUBE_STRETCH, YARN_STRAIN = 1.2, 0.005
+_TUBE_STRETCH, _YARN_STRAIN = 1.2, 0.005
 #: Weighed length of yarn, m.
-WEIGHED_LENGTH = 10.0
+_WEIGHED_LENGTH = 10.0
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,9 @@ def list_parts(design: Design) -> list[Part]:
     """Return the parts of all muscles of a design."""
     n, choice = design.numbers, design.choice
     count, ends = choice.parallel, 2 * choice.parallel
-    fitting = design.spec.fittings or FITTING_LENGTH
-    tube_length = count * (n["rest_length"] + 2 * fitting) + TUBE_ALLOWANCE
-    bobbin_length = count * (n["thread_length"] + YARN_ALLOWANCE)
+    fitting = design.spec.fittings or _FITTING_LENGTH
+    tube_length = count * (n["rest_length"] + 2 * fitting) + _TUBE_ALLOWANCE
+    bobbin_length = count * (n["thread_length"] + _YARN_ALLOWANCE)
     mass = choice.threads * bobbin_length * n["thread_area"] * choice.thread.density
     diameter, bore = (format_quantity(n[name], "mm", 3) for name in ("diameter", "bore"))
     size = (
@@ -94,11 +94,11 @@ def list_checks(design: Design) -> list[str]:
     n, choice, build = design.numbers, design.choice, design.problem.build
     wall_error = choice.tube.wall_tolerance if choice.tube is not None else math.sqrt(3) * design.errors.wall
     rubber_area = math.pi * (n["diameter"] - n["wall"]) * n["wall"]
-    stretch, m = TUBE_STRETCH, float(build.mooney)
+    stretch, m = _TUBE_STRETCH, float(build.mooney)
     factor = rubber_area * (stretch - stretch**-2) * (1 - m + m / stretch)
     shear, modulus = choice.bladder.modulus, choice.thread.modulus
-    mass = WEIGHED_LENGTH * n["thread_area"] * choice.thread.density
-    pull = YARN_STRAIN * n["thread_area"]
+    mass = _WEIGHED_LENGTH * n["thread_area"] * choice.thread.density
+    pull = _YARN_STRAIN * n["thread_area"]
     angle = math.degrees(n["braid_angle"])
     return [
         f"Tube: outer diameter {format_quantity(n['diameter'], 'mm', 3)}, wall"
@@ -106,9 +106,9 @@ def list_checks(design: Design) -> list[str]:
         " at four places.",
         f"Tube: {_format_forces(factor * build.shear, factor * shear.low, factor * shear.high)}"
         f" must stretch it by {100 * (stretch - 1):.0f} %.",
-        f"Thread: {WEIGHED_LENGTH:g} m must weigh {format_quantity(mass, 'g', 3)} ± 5 %.",
+        f"Thread: {_WEIGHED_LENGTH:g} m must weigh {format_quantity(mass, 'g', 3)} ± 5 %.",
         f"Thread: {_format_forces(pull * build.modulus, pull * modulus.low, pull * modulus.high)}"
-        f" must stretch one by {100 * YARN_STRAIN:g} %.",
+        f" must stretch one by {100 * _YARN_STRAIN:g} %.",
         f"Braid at rest length {format_quantity(n['rest_length'], 'mm')}: {n['turns']:.3g} turns of each"
         f" thread, {angle:.1f} degrees from the circumference.",
     ]

@@ -14,7 +14,7 @@ from pamjax.sizing import sensitivity
 from pamjax.sizing.assure import Finalist, assure_probability
 from pamjax.sizing.calibration import CalibrationTransfer, transfer_calibration
 from pamjax.sizing.enumerate import ChoiceResult, search_choices
-from pamjax.sizing.inelastic import compute_inelastic_costs
+from pamjax.sizing.inelastic import compute_inelastic_errors
 from pamjax.sizing.infeasible import find_conflict
 from pamjax.sizing.optimise import METHODS
 from pamjax.sizing.pareto import compute_front, select_second_objective
@@ -31,7 +31,7 @@ def size(
     starts: int = 8,
     method: str = "slsqp",
     seed: int = 0,
-    margins: bool = True,
+    inelastic_and_front: bool = True,
     stock: bool = True,
     progress: Progress = ignore_progress,
 ) -> Design:
@@ -45,7 +45,8 @@ def size(
         method: "slsqp", or "trust-constr", which also uses exact second derivatives.
         seed: seed of the screening and of the random draws.
         stock: whether to use tubes and yarns of sizes that are sold; otherwise any diameter and wall.
-        margins: whether to compute the errors of the inelastic assumption, and the front of two objectives.
+        inelastic_and_front: whether to compute the errors of the inelastic assumption, and the front of two
+            objectives.
         progress: receives the current step and the completed fraction.
 
     Returns:
@@ -62,7 +63,7 @@ def size(
     ...         "threads": {"kinds": "aramid", "counts": 48, "diameters": "0.3 mm"},
     ...         "bladders": {"kinds": "latex"},
     ...     },
-    ...     margins=False,
+    ...     inelastic_and_front=False,
     ...     stock=False,
     ... )
     >>> design.feasible, design.probability >= 0.9
@@ -90,7 +91,7 @@ def size(
     if results[0].optimum is None:
         return _build_infeasible_design(parsed_spec, task, transfer, results, unsearched_count, seed, method)
     return _build_feasible_design(
-        parsed_spec, task, transfer, results, unsearched_count, seed, method, margins, progress
+        parsed_spec, task, transfer, results, unsearched_count, seed, method, inelastic_and_front, progress
     )
 
 
@@ -118,7 +119,7 @@ def _build_infeasible_design(
 
 
 def _build_feasible_design(
-    spec, task, transfer, results, unsearched_count, seed, method, margins, progress
+    spec, task, transfer, results, unsearched_count, seed, method, inelastic_and_front, progress
 ) -> Design:
     entries = spec.entries
     pool, nominal = [result for result in results if result.optimum is not None], results[0]
@@ -149,7 +150,9 @@ def _build_feasible_design(
         best_result,
         probability=probability,
         requirement_probabilities=chance.estimate_probabilities(best_result.problem, z, draws),
-        prices=tuple(sensitivity.compute_prices(best_result.problem, optimum)),
+        requirement_sensitivities=tuple(
+            sensitivity.compute_requirement_sensitivities(best_result.problem, optimum)
+        ),
         property_sensitivities=sensitivity.compute_property_sensitivities(best_result.problem, optimum),
         active_limits=tuple(sensitivity.list_active_limits(best_result.problem, optimum)),
         unsearched_count=unsearched_count,
@@ -164,13 +167,13 @@ def _build_feasible_design(
         choice_count=len(pool) if has_sold_parts else len(results),
         force_sds=chance.estimate_force_sds(best_result.problem, z, draws),
     )
-    if not margins:
+    if not inelastic_and_front:
         return design
     progress("inelastic threads", 0.5)
-    inelastic_costs = compute_inelastic_costs(spec, task, transfer, design.choice, seed)
+    inelastic_errors = compute_inelastic_errors(spec, task, transfer, design.choice, seed)
     progress("two objectives", 0.9)
     best = [finalist.result for finalist in finalists if finalist.reaches(entries.probability)]
     pareto_front = compute_front(
         best or [best_result], select_second_objective(entries.minimise, entries.against)
     )
-    return replace(design, inelastic_costs=tuple(inelastic_costs), front=pareto_front)
+    return replace(design, inelastic_errors=tuple(inelastic_errors), front=pareto_front)

@@ -1,7 +1,7 @@
 """Discrete search after the continuous one: tubes that are sold, for the best choices of thread and rubber.
 
 Each choice is combined with each tube of its rubber. All are screened in one batched program. The
-best choices of each tube are optimised, then more choices of the best tubes, in the coordinates that remain:
+best choices of each tube are optimised, then more choices of the best tubes. The remaining coordinates are
 rest length, braid angle and pressure. Diameter and pressure do not increase with the rest length, so a muscle
 that minimises one of them uses the whole length.
 """
@@ -23,15 +23,15 @@ from pamjax.sizing.specification.parts import Tube, list_tubes
 from pamjax.sizing.specification.spec import Spec
 
 #: Largest number of choices that are combined with tubes, and number of screened candidates of each pair.
-MAX_BASES, SCREENING_POINTS = 150, 64
+_MAX_BASES, _STOCK_SCREENING_POINTS = 150, 64
 #: Number of best choices of each tube that are optimised first; number of best tubes and of further choices.
-FIRST_CHOICES, BEST_TUBES, FURTHER_CHOICES = 2, 5, 8
+_FIRST_CHOICES, _BEST_TUBES, _FURTHER_CHOICES = 2, 5, 8
 #: Screened merit, relative to the best one, above which a tube is not optimised.
-MAX_MERIT_EXCESS = 8.0
+_MAX_MERIT_EXCESS = 8.0
 #: Objectives that a longer muscle does not increase.
-LENGTHLESS_OBJECTIVES = ("diameter", "pressure")
+_LENGTHLESS_OBJECTIVES = ("diameter", "pressure")
 #: Relative difference up to which a tube has the outer diameter that the spec states.
-SIZE_TOLERANCE = 0.02
+_SIZE_TOLERANCE = 0.02
 
 
 def list_fitting_tubes(spec: Spec, choice: Choice) -> list[Tube]:
@@ -41,7 +41,7 @@ def list_fitting_tubes(spec: Spec, choice: Choice) -> list[Tube]:
     def fits(tube: Tube) -> bool:
         ranges = ((limits.diameter, tube.outer_diameter), (limits.wall, tube.wall))
         in_range = all(r is None or r[0] * 0.999 <= value <= r[1] * 1.001 for r, value in ranges)
-        is_stated = outer_diameter is None or abs(tube.outer_diameter / outer_diameter - 1) <= SIZE_TOLERANCE
+        is_stated = outer_diameter is None or abs(tube.outer_diameter / outer_diameter - 1) <= _SIZE_TOLERANCE
         return in_range and is_stated
 
     return [tube for tube in list_tubes() if tube.rubber == choice.bladder.name and fits(tube)]
@@ -68,7 +68,7 @@ def search_stock(
     """
     kept_results: list[ChoiceResult] = []
     problems: list[SizingProblem] = []
-    for result in results[:MAX_BASES]:
+    for result in results[:_MAX_BASES]:
         choice = result.problem.choice
         if not any(tube.rubber == choice.bladder.name for tube in list_tubes()):
             kept_results.append(result)
@@ -78,10 +78,10 @@ def search_stock(
         ]
     if not problems:
         return kept_results
-    starts_by_problem, merits = screen_choices(problems, seed, SCREENING_POINTS)
+    starts_by_problem, merits = screen_choices(problems, seed, _STOCK_SCREENING_POINTS)
     ranks_by_tube: dict[Tube | None, list[int]] = {}
     for k in np.argsort(merits, kind="stable"):
-        if merits[k] <= merits.min() + MAX_MERIT_EXCESS:
+        if merits[k] <= merits.min() + _MAX_MERIT_EXCESS:
             ranks_by_tube.setdefault(problems[k].choice.tube, []).append(int(k))
 
     def search(ranks: Sequence[int], step: str) -> list[ChoiceResult]:
@@ -93,14 +93,14 @@ def search_stock(
                 feasible.append(result)
         return feasible
 
-    first = [k for ranks in ranks_by_tube.values() for k in ranks[:FIRST_CHOICES]]
+    first = [k for ranks in ranks_by_tube.values() for k in ranks[:_FIRST_CHOICES]]
     kept_results += search(first, "tube")
     kept_results.sort(key=rank_result)
-    best_tubes = list(dict.fromkeys(result.problem.choice.tube for result in kept_results))[:BEST_TUBES]
+    best_tubes = list(dict.fromkeys(result.problem.choice.tube for result in kept_results))[:_BEST_TUBES]
     further = [
         k
         for tube in best_tubes
-        for k in ranks_by_tube.get(tube, [])[FIRST_CHOICES : FIRST_CHOICES + FURTHER_CHOICES]
+        for k in ranks_by_tube.get(tube, [])[_FIRST_CHOICES : _FIRST_CHOICES + _FURTHER_CHOICES]
     ]
     return sorted(kept_results + search(further, "yarn"), key=rank_result)
 
@@ -108,7 +108,7 @@ def search_stock(
 def _use_whole_length(problem: SizingProblem, spec: Spec) -> SizingProblem:
     """Return the problem with the rest length that is available, if a shorter one has no merit."""
     length = problem.task.find_requirement("length")
-    if length is None or spec.entries.limits.rest_length or problem.objective not in LENGTHLESS_OBJECTIVES:
+    if length is None or spec.entries.limits.rest_length or problem.objective not in _LENGTHLESS_OBJECTIVES:
         return problem
     low, high, start_high = (x.copy() for x in (problem.low, problem.high, problem.start_high))
     low[0] = high[0] = start_high[0] = math.log(length.bounds[0])

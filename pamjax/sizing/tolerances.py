@@ -1,10 +1,9 @@
 """Errors of manufacture and of the sensors: those of the spec, or usual ones as shares of the dimensions.
 
-The defaults are standard deviations. Those of lengths and turns follow from the half widths that Chambers and
-Wereley (Actuators 2022, 11, 219) state for their muscle, divided by √3: 0.8 mm of 235.7 mm, 0.8 mm of
-251.2 mm and 0.005 of 1.09 turns. That of the wall follows from the tolerance of the tube. A wall without
-a tube has that of stock tubing, see `data/materials/tubes.csv`. Those of pressure and of the set length
-are a judgement.
+The defaults are standard deviations. Those of lengths and turns are half widths divided by √3. Chambers and
+Wereley (Actuators 2022, 11, 219) state for their muscle: 0.8 mm of 235.7 mm, 0.8 mm of 251.2 mm, 0.005 of
+1.09 turns. That of the wall follows from the tolerance of the tube. A wall without a tube has that of stock
+tubing, see `data/materials/tubes.csv`. Those of pressure and of the set length are a judgement.
 """
 
 from __future__ import annotations

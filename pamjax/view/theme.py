@@ -35,7 +35,7 @@ from pamjax.records.files import write_atomically
 SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.2
 
 #: Dots per inch of a figure in a notebook.
-NOTEBOOK_DPI = 110
+_NOTEBOOK_DPI = 110
 
 #: Colours of categories, with Okabe and Ito's names.
 OKABE_ITO = {
@@ -114,7 +114,7 @@ class ThemedFigure(Figure):
 
     def _repr_png_(self) -> bytes:
         image = io.BytesIO()
-        self.savefig(image, format="png", dpi=NOTEBOOK_DPI)
+        self.savefig(image, format="png", dpi=_NOTEBOOK_DPI)
         return image.getvalue()
 
 

@@ -8,7 +8,7 @@ from pamjax.channels import format_channel_value
 from pamjax.records.case import Case
 
 #: Relative difference up to which a noise level counts as the one stated in muscle.toml.
-NOISE_TOLERANCE = 0.01
+_NOISE_TOLERANCE = 0.01
 
 
 def format_signed(value: float, digits: int = 1) -> str:
@@ -49,8 +49,8 @@ def format_history(case: Case) -> str:
 
 
 def is_stated_noise(sd: float, stated_sd: float) -> bool:
-    """Return whether the noise of a row equals the stated noise within `NOISE_TOLERANCE`."""
-    return abs(sd / stated_sd - 1) < NOISE_TOLERANCE
+    """Return whether the noise of a row equals the stated noise within `_NOISE_TOLERANCE`."""
+    return abs(sd / stated_sd - 1) < _NOISE_TOLERANCE
 
 
 def format_noise(case: Case, channel: str, sd: float) -> str:

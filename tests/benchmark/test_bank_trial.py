@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from pamjax.benchmark.bank_tally import compute_f1, tabulate_bank
-from pamjax.benchmark.bank_trial import draw_task_recording, find_ties, run_bank_trial
+from pamjax.benchmark.bank_trial import draw_task_recording, find_reported_ties, run_bank_trial
 from pamjax.benchmark.other_forms import draw
 from pamjax.benchmark.other_forms.case_files import build_bank_case
 from pamjax.benchmark.other_forms.draw import BANK_KINDS
@@ -24,7 +24,7 @@ def build_trial(
     ties = more.pop("ties", tuple(() for _ in named))
     result = {"forms": tuple("usual" if id == "force_gain" else "cone" for id in concealed), "ties": ties}
     result |= {"sizes": (4.0, 9.0, 20.0)[: len(concealed)], "probabilities": (0.9,) * len(named)}
-    result |= {"stand_ins": find_ties(set(concealed), named, ties), "p_value": 1e-9}
+    result |= {"reported_ties": find_reported_ties(set(concealed), named, ties), "p_value": 1e-9}
     return Trial(
         "all", kind, 0.5, 0, 0, "elastic", "isobars", concealed, named=named, bank="other-forms",
         **(result | more),
@@ -36,10 +36,10 @@ def make_up(task):
     count, has_outside = BANK_KINDS[task.kind]
     ids = ("end_taper", "force_gain", "braid_friction")[:count]
     return replace(
-        build_trial(task.kind, ids, ids if task.number % 2 else (), p_value=1.0 if not ids else 1e-9),
-        correlation=task.correlation, number=task.number, seed=task.seed,
+        build_trial(task.kind, ids, ids if task.trial_index % 2 else (), p_value=1.0 if not ids else 1e-9),
+        correlation=task.correlation, trial_index=task.trial_index, seed=task.seed,
         outside="ripple" if has_outside else "", outside_size=5.0 * has_outside, unexplained=has_outside,
-        misstated=bool(task.number % 2),
+        misstated=bool(task.trial_index % 2),
     )  # fmt: skip
 
 
@@ -93,7 +93,7 @@ def test_outside_effects_and_nulls_have_lines_of_their_own():
 
 def test_intervals_probabilities_and_held_out_errors_are_counted():
     numbers = tuple(RecoveredParameter("force_gain.gain", 0.0, z, 1.0, True) for z in (0.5, 1.6, 1.7))
-    trial = build_trial(numbers=numbers, held_out_ratios=(0.6, 1.1), probabilities=(0.6, 0.999))
+    trial = build_trial(parameters=numbers, held_out_ratios=(0.6, 1.1), probabilities=(0.6, 0.999))
     result = tabulate(trial)
     assert result["90 % intervals of offsets, gains and delays"] == Rate(2, 3)
     assert result["names that make the held-out error larger"] == Rate(1, 2)

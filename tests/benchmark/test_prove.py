@@ -73,7 +73,7 @@ def test_correct_and_wrong_names_are_counted():
 
 
 def test_substitute_counts_as_correct_only_if_it_is_indistinguishable():
-    result = trial(stand_ins=(("force_offset", "force_gain"),))
+    result = trial(verified_ties=(("force_offset", "force_gain"),))
     assert result.effects_found == result.names_right == (True, True)
     assert result.is_exact
     # A tie that the tool reports is not sufficient evidence.
@@ -104,12 +104,13 @@ def test_coverage_of_intervals_is_counted():
         return tuple(RecoveredParameter("force_gain.gain", 0.0, value, 1.0, True) for value in z)
 
     normal = np.random.default_rng(0).standard_normal(2000)
-    low, high = compute_coverage([trial(numbers=numbers(normal))], own=False).compute_interval(0.999)
+    low, high = compute_coverage([trial(parameters=numbers(normal))], own=False).compute_interval(0.999)
     assert low < 0.9 < high
     assert (
-        compute_coverage([trial(numbers=numbers(1.5 * normal))], own=False).compute_interval(0.999)[1] < 0.9
+        compute_coverage([trial(parameters=numbers(1.5 * normal))], own=False).compute_interval(0.999)[1]
+        < 0.9
     )
-    assert compute_coverage([trial(numbers=numbers(normal))], own=True).total == 0
+    assert compute_coverage([trial(parameters=numbers(normal))], own=True).total == 0
 
 
 def test_probabilities_are_compared_with_the_fraction_of_correct_names():
@@ -128,6 +129,18 @@ def test_large_effects_are_counted_separately():
 def test_trial_is_unchanged_after_writing_and_reading():
     result = made_up(TrialTask("all", "triple", 0.9, 3))
     assert parse_trial(result.format_line()) == result
+
+
+@pytest.mark.parametrize(("bank", "name"), [("own", "verified_ties"), ("other-forms", "reported_ties")])
+def test_ties_of_a_saved_trial_belong_to_their_bank(bank, name):
+    line = (
+        f'{{"stage": "all", "kind": "pair", "correlation": 0.0, "number": 7, "seed": 0, "law": "elastic",'
+        f' "blocks": "isobars", "stand_ins": [["force_offset", "force_gain"]], "bank": "{bank}"}}'
+    )
+    saved = parse_trial(line)
+    assert (saved.trial_index, getattr(saved, name)) == (7, (("force_offset", "force_gain"),))
+    assert len(saved.verified_ties + saved.reported_ties) == 1
+    assert parse_trial(saved.format_line()) == saved
 
 
 def test_interrupted_run_is_continued(tmp_path):
@@ -158,7 +171,7 @@ def test_trials_of_small_recordings_agree_with_what_was_injected(tmp_path, monke
     """One muscle and bench for all trials: its recordings share the compiled program of the bank."""
     monkeypatch.setattr(trial_module, "draw_setup", lambda rng: build_setup())
     file = tmp_path / "trials.jsonl"
-    tasks = build_tasks({"nothing": 1, "single": 1}, (0.5,), seed=3, with_baselines=True)
+    tasks = build_tasks({"nothing": 1, "single": 1}, (0.5,), seed=3, with_competitors=True)
     nothing, single = trials = run_proof(tasks, file)
     assert [trial.error for trial in trials] == ["", ""]
     assert read_trials(file) == trials
@@ -167,7 +180,7 @@ def test_trials_of_small_recordings_agree_with_what_was_injected(tmp_path, monke
     assert single.after["force"] < min(1.3, single.before["force"])
     assert single.selected
     assert single.iou is not None
-    assert all(abs(n.value - n.true) < RECOVERED * n.sd for n in single.numbers if n.same)
+    assert all(abs(n.value - n.true) < RECOVERED * n.sd for n in single.parameters if n.same)
     # The stage without a selection of mechanisms has the same recordings and p-values.
     (score,) = run_proof(build_tasks({"nothing": 1}, (0.5,), stage="score", seed=3), file)
     assert score.p_value == pytest.approx(nothing.p_value)

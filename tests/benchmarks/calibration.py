@@ -27,7 +27,7 @@ from pamjax.compile.jax_cache import keep_compiled
 from pamjax.infer.posterior.checkpoint import Checkpoint
 from pamjax.infer.posterior.convergence import discard_burn_in
 from pamjax.infer.posterior.laplace import fit_laplace
-from pamjax.infer.posterior.log_density import temper_density
+from pamjax.infer.posterior.log_density import apply_autocorrelation_powers
 from pamjax.infer.posterior.sample import PILOT_STEPS, refine_gaussian
 from pamjax.infer.posterior.sampler import concatenate_chunks, run_sampler
 from tests.benchmarks.keep import arguments, keep
@@ -50,7 +50,7 @@ def draw_posterior(
     density = treat_noise_as_white(density) if white else density
     ball = fit_laplace(density, start)
     if not white:
-        density = temper_density(density, ball.centre, bench.fit)
+        density = apply_autocorrelation_powers(density, ball.centre, bench.fit)
     with evaluator.register(chain_index, density):
         ball = refine_gaussian(
             JointSampler(density, ball, PILOT_STEPS, evaluator=evaluator, chain_index=chain_index), k

@@ -29,9 +29,9 @@ from scipy.optimize import least_squares
 from pamjax.compile.jax_cache import keep_compiled
 from pamjax.model import braid
 from pamjax.model.assembly import assemble
-from pamjax.planning.bench import DEFAULT_ERROR_SDS, RigCapabilities
 from pamjax.planning.information import PriorInformation, build_prior_information
 from pamjax.planning.plan import Plan, plan
+from pamjax.planning.rig_capabilities import DEFAULT_ERROR_SDS, RigCapabilities
 from pamjax.planning.runs import PlannedRun, list_isobars, list_runs
 from pamjax.records.reading.muscle_toml import MuscleToml, Sensors
 from pamjax.records.reading.quantity import MeasuredValue
@@ -65,9 +65,13 @@ def a_muscle(rng: np.random.Generator, minutes: float) -> tuple[MuscleToml, RigC
         "pressure_gain.gain": 0.01, "length_offset.offset": 1e-3 * rest, "diameter_offset.offset": 2e-4,
         "rig_compliance.compliance": rng.uniform(0.05e-3, 0.2e-3) / force,
     }  # fmt: skip
-    given = {"force": sensors.force, "diameter": sensors.diameter, "gauge": sensors.pressure}
-    given = {name: sd for name, sd in given.items() if sd}
-    means = RigCapabilities(pressure=pressure, contraction=0.25, minutes=minutes, error_sds=off, **given)
+    stated_sds = {
+        "force_sd": sensors.force, "diameter_sd": sensors.diameter, "pressure_sd": sensors.pressure
+    }  # fmt: skip
+    stated_sds = {name: sd for name, sd in stated_sds.items() if sd}
+    means = RigCapabilities(
+        max_pressure=pressure, max_contraction=0.25, minutes=minutes, error_sds=off, **stated_sds
+    )
     return entry, means
 
 
@@ -129,16 +133,19 @@ def outcome(
 
     truth = np.asarray(shown(known.law, names, fixed, true, padded(pressure), padded(length)))[:, :n]
     noise = rng.standard_normal((4, n))
-    measured = truth + np.array([[means.force], [means.diameter]]) * noise[:2]
-    pressure, length = padded(pressure + means.gauge * noise[2]), padded(length + means.ruler * noise[3])
+    measured = truth + np.array([[means.force_sd], [means.diameter_sd]]) * noise[:2]
+    pressure, length = (
+        padded(pressure + means.pressure_sd * noise[2]),
+        padded(length + means.length_sd * noise[3]),
+    )
     at = known.law, names, fixed
     step = np.array([1e-3 * pressure.max(), 1e-4 * length.max()])
     by_set = [
         (shown(*at, mean, pressure + step[0], length) - shown(*at, mean, pressure, length)) / step[0],
         (shown(*at, mean, pressure, length + step[1]) - shown(*at, mean, pressure, length)) / step[1],
     ]
-    carried = (means.gauge * by_set[0]) ** 2 + (means.ruler * by_set[1]) ** 2
-    noise_sd = np.sqrt(np.array([[means.force], [means.diameter]]) ** 2 + np.asarray(carried)[:, :n])
+    carried = (means.pressure_sd * by_set[0]) ** 2 + (means.length_sd * by_set[1]) ** 2
+    noise_sd = np.sqrt(np.array([[means.force_sd], [means.diameter_sd]]) ** 2 + np.asarray(carried)[:, :n])
     used = np.broadcast_to(truth[0] > 0, (2, n)).ravel()
 
     def residual(u):

@@ -32,7 +32,7 @@ def test_numbers_of_an_inelastic_muscle_are_those_of_gaylord():
         agree(numbers.command.stiffness[0], 6 * PRESSURE * LENGTH / SCALE, SOLVED)
         agree(numbers.stiffness_slopes, [6 * LENGTH / SCALE, 6 * PRESSURE / SCALE], SOLVED)
         assert numbers.half_loop == 0
-    agree(numbers.command.by_force[0], SCALE / (6 * PRESSURE * LENGTH), SOLVED)
+    agree(numbers.command.slope_by_force[0], SCALE / (6 * PRESSURE * LENGTH), SOLVED)
 
 
 def test_an_impossible_command_has_the_force_of_the_nearest_one():

@@ -59,16 +59,30 @@ def test_length_for_a_force_is_recovered(of, states):
 def test_derivatives_agree_with_differences(of):
     force, length, pressure = 800.0, 0.2, 300e3
     by_pressure, by_length = of.pressure(force, length), of.length(force, pressure)
-    agree(by_pressure.by_force, difference(lambda f: of.pressure(f, length).value, force, 1.0), BY_DIFFERENCE)
     agree(
-        by_pressure.by_given, difference(lambda l: of.pressure(force, l).value, length, 1e-4), BY_DIFFERENCE
+        by_pressure.slope_by_force,
+        difference(lambda f: of.pressure(f, length).value, force, 1.0),
+        BY_DIFFERENCE,
     )
-    agree(by_length.by_force, difference(lambda f: of.length(f, pressure).value, force, 1.0), BY_DIFFERENCE)
-    agree(by_length.by_given, difference(lambda p: of.length(force, p).value, pressure, 1e3), BY_DIFFERENCE)
+    agree(
+        by_pressure.slope_by_given,
+        difference(lambda l: of.pressure(force, l).value, length, 1e-4),
+        BY_DIFFERENCE,
+    )
+    agree(
+        by_length.slope_by_force,
+        difference(lambda f: of.length(f, pressure).value, force, 1.0),
+        BY_DIFFERENCE,
+    )
+    agree(
+        by_length.slope_by_given,
+        difference(lambda p: of.length(force, p).value, pressure, 1e3),
+        BY_DIFFERENCE,
+    )
     at = float(by_length.value[0])
     agree(by_length.stiffness, difference(lambda l: of.force(pressure, l)[0], at, 1e-4), BY_DIFFERENCE)
     # Negative control: the opposite sign.
-    opposite = -np.asarray(by_pressure.by_given)
+    opposite = -np.asarray(by_pressure.slope_by_given)
     with pytest.raises(AssertionError):
         agree(opposite, difference(lambda l: of.pressure(force, l).value, length, 1e-4), BY_DIFFERENCE)
 
@@ -208,8 +222,12 @@ def test_table_includes_zero_pressure(tmp_path):
 def test_table_has_derivatives(written, of):
     robot = Controller(written.files[0])
     pressures, lengths = of.pressure([300.0, 500.0], 0.2), of.length([300.0, 500.0], 400e3)
-    agree(robot.pressure_slopes(pressures.value, 0.2), [pressures.by_force, pressures.by_given], 1e-4)
-    agree(robot.length_slopes(400e3, lengths.value), [lengths.by_force, lengths.by_given], 1e-4)
+    agree(
+        robot.pressure_slopes(pressures.value, 0.2),
+        [pressures.slope_by_force, pressures.slope_by_given],
+        1e-4,
+    )
+    agree(robot.length_slopes(400e3, lengths.value), [lengths.slope_by_force, lengths.slope_by_given], 1e-4)
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ import numpy as np
 
 from pamjax.fleet.plan import read_plan
 from pamjax.infer.posterior.priors_file import read_priors
-from pamjax.planning.bench import read_capabilities
+from pamjax.planning.rig_capabilities import read_capabilities
 from pamjax.records.blocks import find_blocks
 from pamjax.records.case import read_case
 from pamjax.records.files import read_bytes

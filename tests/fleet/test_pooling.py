@@ -6,8 +6,8 @@ from scipy import integrate, stats
 
 from pamjax.errors import BadInput
 from pamjax.fleet.common_prior import remove_prior
-from pamjax.fleet.contrast import fit_slope
 from pamjax.fleet.pooling import maximise_likelihood, pool_estimates
+from pamjax.fleet.regression import fit_slope
 
 
 def test_equal_sd_has_the_closed_form():

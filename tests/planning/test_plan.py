@@ -12,10 +12,10 @@ from pamjax.errors import BadInput
 from pamjax.infer.problem.priors import collect_stated_values
 from pamjax.model.assembly import assemble
 from pamjax.model.muscle import predict
-from pamjax.planning.bench import RigCapabilities, read_capabilities
 from pamjax.planning.information import build_map_case, build_prior_information
 from pamjax.planning.plan import compute_sd_course, plan
 from pamjax.planning.report import format_isobars
+from pamjax.planning.rig_capabilities import RigCapabilities, read_capabilities
 from pamjax.planning.runs import list_runs
 from pamjax.records.case import Case
 from pamjax.records.reading.muscle_toml import Sensors, read_muscle_toml
@@ -35,7 +35,9 @@ def entry():
 
 
 def test_information_agrees_with_finite_differences_through_the_rig(entry):
-    known = build_prior_information(entry, RigCapabilities(pressure=690e3, gauge=0.0, ruler=0.0))
+    known = build_prior_information(
+        entry, RigCapabilities(max_pressure=690e3, pressure_sd=0.0, length_sd=0.0)
+    )
     pressure, length = np.array([200e3, 400e3, 690e3]), np.array([0.2357, 0.21, 0.19])
     values, label = known.mean.copy(), np.zeros(3, int)
     rig = [k for k in range(values.size) if k not in known.muscle_indices]
@@ -53,7 +55,7 @@ def test_information_agrees_with_finite_differences_through_the_rig(entry):
         return difference(at, 0.0, 1e-3)
 
     slopes = np.stack([show(k) for k in range(values.size)])
-    weight = 1 / np.array([known.capabilities.force, known.capabilities.diameter]) ** 2
+    weight = 1 / np.array([known.capabilities.force_sd, known.capabilities.diameter_sd]) ** 2
     expected = np.einsum("icn,jcn,c->ij", slopes, slopes, weight)
     root = np.sqrt(np.diag(expected))
     agree(got / np.outer(root, root), expected / np.outer(root, root), 1e-5, scale=1.0)
@@ -68,8 +70,8 @@ def by_ruler(entry):
 
 def test_ruler_error_is_shared_by_all_samples_of_a_length(by_ruler):
     means = read_capabilities(by_ruler, pressure="690 kPa")
-    assert (means.setting, means.ruler) == (1e-3, 0.0)
-    known = build_prior_information(by_ruler, replace(means, gauge=0.0))
+    assert (means.length_setting_sd, means.length_sd) == (1e-3, 0.0)
+    known = build_prior_information(by_ruler, replace(means, pressure_sd=0.0))
     pressure, length = np.array([200e3, 400e3, 690e3]), np.array([0.2357, 0.2357, 0.19])
     setting, label, shared = np.array([0, 0, 3]), np.zeros(3, int), len(known.free_parameters) - 5
     values = np.where(np.arange(known.mean.size) < len(known.muscle_indices), known.mean, 0.0)
@@ -108,8 +110,8 @@ def test_plan_supports_lengths_set_by_ruler(by_ruler, goal):
 
 def test_ruler_of_a_rig_is_noise_per_sample(by_ruler):
     once, each = (read_capabilities(by_ruler, ruler=ruler) for ruler in (None, "0.1 mm"))
-    assert (once.setting, once.ruler) == (1e-3, 0.0)
-    assert (each.setting, each.ruler) == (0.0, pytest.approx(1e-4))
+    assert (once.length_setting_sd, once.length_sd) == (1e-3, 0.0)
+    assert (each.length_setting_sd, each.length_sd) == (0.0, pytest.approx(1e-4))
 
 
 def test_recording_with_lengths_set_by_ruler_is_used(by_ruler):
@@ -131,7 +133,7 @@ def test_recording_with_lengths_set_by_ruler_is_used(by_ruler):
 
 
 def test_information_of_readings_and_repeats_is_additive(entry):
-    known = build_prior_information(entry, RigCapabilities(pressure=690e3))
+    known = build_prior_information(entry, RigCapabilities(max_pressure=690e3))
     offered = list_runs(known.capabilities, 0.2357)
     each = known.compute_run_information(offered, known.mean)
     vent = next(k for k, run in enumerate(offered) if "vented" in run.description)
@@ -142,7 +144,7 @@ def test_information_of_readings_and_repeats_is_additive(entry):
 
 
 def test_information_is_proportional_to_the_sampling_rate(entry):
-    means = RigCapabilities(pressure=690e3)
+    means = RigCapabilities(max_pressure=690e3)
     slow, fast = (build_prior_information(entry, replace(means, rate=rate)) for rate in (1.0, 50.0))
     run_information = [
         prior.compute_run_information(list_runs(prior.capabilities, 0.2357)[:6], prior.mean)
@@ -234,7 +236,9 @@ def test_plan_stays_below_the_recorded_or_stated_pressure(entry, stroke, tmp_pat
     case = recorded(entry, stroke, 0.0)
     assert plan(case, minutes=10.0).schedule()["pressure [kPa]"].max() <= 500 + 1e-6
     (tmp_path / "rig.toml").write_text('[rig]\npressure = "6 bar"\n')
-    assert plan(case, tmp_path / "rig.toml", minutes=10.0).prior.capabilities.pressure == pytest.approx(6e5)
+    assert plan(case, tmp_path / "rig.toml", minutes=10.0).prior.capabilities.max_pressure == pytest.approx(
+        6e5
+    )
 
 
 @pytest.mark.parametrize("minutes", [2.5, 19.0])
@@ -307,10 +311,12 @@ def test_muscle_toml_path_is_accepted(entry, tmp_path):
 def test_channels_of_a_rig_are_recorded_or_stated(entry):
     silent, both = replace(entry, sensors=Sensors()), ("force", "diameter")
     assert read_capabilities(silent).channels == both
-    assert read_capabilities(silent, recorded=("force",)).channels == ("force",)
-    assert read_capabilities(silent, recorded=("force",), diameter="0.1 mm").channels == both
+    assert read_capabilities(silent, recorded_channels=("force",)).channels == ("force",)
+    assert read_capabilities(silent, recorded_channels=("force",), diameter="0.1 mm").channels == both
     assert (
-        read_capabilities(replace(entry, sensors=Sensors(diameter=1e-4)), recorded=("force",)).channels
+        read_capabilities(
+            replace(entry, sensors=Sensors(diameter=1e-4)), recorded_channels=("force",)
+        ).channels
         == both
     )
 
@@ -319,12 +325,12 @@ def test_rig_is_read_and_an_invalid_one_is_refused(entry, tmp_path):
     file = tmp_path / "rig.toml"
     file.write_text('[rig]\npressure = "100 psi"\nforce = "none"\nforce_zero = "1 lbf"\ngive = "0.1 mm/kN"\n')
     means = read_capabilities(entry, file)
-    assert means.pressure == pytest.approx(689_476, rel=1e-5)
+    assert means.max_pressure == pytest.approx(689_476, rel=1e-5)
     assert means.channels == ("diameter",)
     assert means.error_sds["rig_compliance.compliance"] == pytest.approx(1e-7)
     file.write_text('[rig]\ncontraction = "15 %"\nminutes = "0.5 h"\n')
     means = read_capabilities(entry, file)
-    assert (means.contraction, means.minutes) == (pytest.approx(0.15), pytest.approx(30.0))
+    assert (means.max_contraction, means.minutes) == (pytest.approx(0.15), pytest.approx(30.0))
     file.write_text('[rig]\npresure = "1 bar"\n')
     with pytest.raises(BadInput, match="Did you mean `pressure`"):
         read_capabilities(entry, file)

@@ -86,10 +86,11 @@ def test_slopes_are_exact(result):
     ],
 )
 def test_multiplier_predicts_the_effect_of_a_changed_bound(result, key, path, to, sign):
-    from pamjax.sizing.sensitivity import compute_prices
+    from pamjax.sizing.sensitivity import compute_requirement_sensitivities
 
     by_key = {
-        price.requirement.key: price.percent_saved for price in compute_prices(result.problem, result.optimum)
+        sensitivity.requirement.key: sensitivity.percent_saved
+        for sensitivity in compute_requirement_sensitivities(result.problem, result.optimum)
     }
     changed_result = solve(change_entry(*path, to=to))
     change = (changed_result.optimum.log_objective - result.optimum.log_objective) / CHANGE
@@ -118,7 +119,7 @@ def test_relaxation_makes_an_infeasible_spec_feasible():
     assert 400 < relaxed_force < 9000
     for share, feasible in ((0.98, True), (1.02, False)):
         relaxed_entries = change_entry("force", 0, "at_least", to=f"{share * relaxed_force:.6f} N")
-        assert pamjax.size(relaxed_entries, margins=False, stock=False).feasible == feasible
+        assert pamjax.size(relaxed_entries, inelastic_and_front=False, stock=False).feasible == feasible
 
 
 @pytest.mark.slow
@@ -136,7 +137,9 @@ def test_nearest_muscle_has_an_equilibrium():
     assert 50 < by_key["force 1"].relaxed_bound < 900
     relaxed_force = f"{0.95 * by_key['force 1'].relaxed_bound:.6f} N"
     relaxed_entries = change_entry("force", 0, "at_least", to=relaxed_force)
-    assert pamjax.size(entries | {"force": relaxed_entries["force"]}, margins=False, stock=False).feasible
+    assert pamjax.size(
+        entries | {"force": relaxed_entries["force"]}, inelastic_and_front=False, stock=False
+    ).feasible
 
 
 @pytest.mark.slow
@@ -155,7 +158,10 @@ def test_relaxed_length_includes_the_fittings():
     assert relaxation.relaxed_bound > 0.3
     for share, feasible in ((0.99, False), (1.01, True)):
         envelope = {"length": f"{1e3 * share * relaxation.relaxed_bound:.3f} mm", "fittings": "40 mm"}
-        assert pamjax.size(entries | {"envelope": envelope}, margins=False, stock=False).feasible == feasible
+        assert (
+            pamjax.size(entries | {"envelope": envelope}, inelastic_and_front=False, stock=False).feasible
+            == feasible
+        )
 
 
 @pytest.mark.slow
@@ -191,7 +197,7 @@ def test_front_is_the_optimum_over_all_choices_under_each_cap():
 
 @pytest.mark.slow
 def test_materials_of_a_calibrated_muscle_are_transferred(tmp_path):
-    design = pamjax.size(SPEC, margins=False, stock=False)
+    design = pamjax.size(SPEC, inelastic_and_front=False, stock=False)
     save_design(design, tmp_path)
     path = tmp_path / "model.json"
     text = path.read_text()

@@ -16,7 +16,7 @@ from pamjax.records.files import write_atomically
 from pamjax.records.writing.case_folder import write_case
 
 #: Identifies the format of the key.
-KEY_SCHEMA = "pamjax.bank/1"
+_KEY_SCHEMA = "pamjax.bank/1"
 
 
 def build_bank_case(bank_recording: BankRecording, name: str) -> Case:
@@ -24,7 +24,7 @@ def build_bank_case(bank_recording: BankRecording, name: str) -> Case:
     return build_text_case(bank_recording.entry, bank_recording.recording, name)
 
 
-def build_key_entry(bank_recording: BankRecording) -> dict[str, Any]:
+def _build_key_entry(bank_recording: BankRecording) -> dict[str, Any]:
     """Return what a recording conceals: effects with sizes, true braid and sensors, SI."""
     r, braid = bank_recording, bank_recording.braid
     stated_sensors, true_sensors = r.entry.sensors, r.sensors
@@ -70,10 +70,10 @@ def write_bank(
     for k, bank_recording in enumerate(bank_recordings):
         name = f"r-{k + 1:03d}"
         write_case(folder / name, bank_recording.recording, build_muscle_text(bank_recording.entry))
-        cases[name] = build_key_entry(bank_recording) | (dict(notes[k]) if notes else {})
+        cases[name] = _build_key_entry(bank_recording) | (dict(notes[k]) if notes else {})
     key = folder / "key.json"
     with write_atomically(key) as temporary:
         temporary.write_text(
-            json.dumps({"schema": KEY_SCHEMA, "cases": cases}, indent=1, allow_nan=False) + "\n"
+            json.dumps({"schema": _KEY_SCHEMA, "cases": cases}, indent=1, allow_nan=False) + "\n"
         )
     return key

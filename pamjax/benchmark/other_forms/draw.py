@@ -56,16 +56,16 @@ BANK_KINDS = {
 }
 
 #: Smallest and largest size of an effect, in noise standard deviations.
-MIN_BANK_SIZE, MAX_BANK_SIZE = 2.0, 30.0
+_MIN_BANK_SIZE, _MAX_BANK_SIZE = 2.0, 30.0
 
 #: Share of recordings with misstated sensors, and range of true over stated sd.
-MISSTATED_SHARE, MIN_SD_RATIO, MAX_SD_RATIO = 1 / 3, 0.7, 1.5
+_MISSTATED_SHARE, MIN_MISSTATED_RATIO, MAX_MISSTATED_RATIO = 1 / 3, 0.7, 1.5
 
 #: Draws of a recording, and rounds of scaling with all effects present.
-MAX_RECORDING_DRAWS, JOINT_SCALING_ROUNDS = 50, 6
+_MAX_RECORDING_DRAWS, _JOINT_SCALING_ROUNDS = 50, 6
 
 #: Largest relative difference between a size and its target.
-MAX_TARGET_ERROR = 0.12
+_MAX_TARGET_ERROR = 0.12
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class BankRecording:
 
     @property
     def sensor_ratios(self) -> dict[str, float]:
-        """True over stated sd by channel."""
+        """Return true over stated sd by channel."""
         return {
             name: getattr(self.sensors, name) / getattr(self.entry.sensors, name)
             for name in ("force", "diameter", "pressure", "length")
@@ -151,7 +151,7 @@ def draw_bank_recording(
         rng: random generator.
         setup: the muscle and its bench; None draws it.
     """
-    for _ in range(MAX_RECORDING_DRAWS):
+    for _ in range(_MAX_RECORDING_DRAWS):
         drawn = setup or draw_setup(rng)
         plan, block = _build_plan(drawn.plan), find_blocks(drawn.plan).label
         sensors, misstated = _draw_sensors(drawn.entry.sensors, rng)
@@ -174,7 +174,7 @@ def draw_bank_recording(
         return BankRecording(
             kind, entry, recording, _describe(baseline, slots), braid, sensors, misstated, correlation, clean
         )
-    raise RuntimeError(f"no recording of kind {kind} in {MAX_RECORDING_DRAWS} draws")
+    raise RuntimeError(f"no recording of kind {kind} in {_MAX_RECORDING_DRAWS} draws")
 
 
 def _is_readable(entry: MuscleToml, recording: Recording) -> bool:
@@ -193,10 +193,10 @@ def _build_plan(plan: Recording) -> BenchPlan:
 
 def _draw_sensors(stated_sensors: Sensors, rng: np.random.Generator) -> tuple[Sensors, bool]:
     """Draw the true noise of the sensors."""
-    if rng.random() >= MISSTATED_SHARE:
+    if rng.random() >= _MISSTATED_SHARE:
         return stated_sensors, False
     ratios = {
-        name: getattr(stated_sensors, name) * draw_log_uniform(rng, MIN_SD_RATIO, MAX_SD_RATIO)
+        name: getattr(stated_sensors, name) * draw_log_uniform(rng, MIN_MISSTATED_RATIO, MAX_MISSTATED_RATIO)
         for name in ("force", "diameter", "pressure", "length")
     }
     return dataclasses.replace(stated_sensors, **ratios), True
@@ -233,7 +233,7 @@ def _draw_slots(
     ids = [id for id in OTHER_FORMS if id != "braid_elasticity" or baseline.braid.compliance == 0]
     order = rng.permutation(ids).tolist()
     for _ in range(count):
-        target = draw_log_uniform(rng, MIN_BANK_SIZE, MAX_BANK_SIZE)
+        target = draw_log_uniform(rng, _MIN_BANK_SIZE, _MAX_BANK_SIZE)
         while order:
             id = order.pop(0)
             if any(frozenset({id, slot.form.id}) in EXCLUSIVE_PAIRS for slot in slots):
@@ -246,7 +246,7 @@ def _draw_slots(
         else:
             return None
     if has_outside:
-        target = draw_log_uniform(rng, MIN_BANK_SIZE, MAX_BANK_SIZE)
+        target = draw_log_uniform(rng, _MIN_BANK_SIZE, _MAX_BANK_SIZE)
         family = OUTSIDE_FAMILIES[str(rng.choice(list(OUTSIDE_FAMILIES)))]
         slot = _size_form(family(rng, scales), target, baseline, slots, rng)
         if slot is None:
@@ -278,13 +278,13 @@ def _scale(
 
 def _scale_together(baseline: BaselineFit, slots: list[_Slot]) -> bool:
     """Scale every effect with all others present; return whether all sizes meet their targets."""
-    for _ in range(JOINT_SCALING_ROUNDS):
+    for _ in range(_JOINT_SCALING_ROUNDS):
         sizes = _compute_sizes(baseline, slots)
         off = [abs(math.log(size / slot.target)) for size, slot in zip(sizes, slots, strict=True)]
-        if max(off, default=0.0) < MAX_TARGET_ERROR:
+        if max(off, default=0.0) < _MAX_TARGET_ERROR:
             return True
         for slot, error in zip(slots, off, strict=True):
-            if error < MAX_TARGET_ERROR:
+            if error < _MAX_TARGET_ERROR:
                 continue
             others = [other.effect for other in slots if other is not slot]
             amplitude = _scale(slot.form, slot.sign, slot.target, baseline, others)

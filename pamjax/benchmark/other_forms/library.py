@@ -45,25 +45,25 @@ FormDrawer = Callable[[np.random.Generator, BenchScales], DrawnForm]
 
 
 def _draw_drift_warm_up(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Time constant LU(0.05, 0.5) T."""
+    """Return a drift that warms up with time constant LU(0.05, 0.5) T."""
     constant = s.duration * draw_log_uniform(rng, 0.05, 0.5)
     course = sensor_forms.compute_warm_up(s.plan.time, constant)
     return _build_drift("warm-up", course, {"time_constant": constant})
 
 
 def _draw_drift_square_root(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """No shape parameter."""
+    """Return a drift with the square root of time, without shape parameter."""
     return _build_drift("square root", sensor_forms.compute_square_root(s.plan.time), {})
 
 
 def _draw_drift_sine(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Period LU(0.7, 4) T, phase U(0, 2π)."""
+    """Return a slow sine with period LU(0.7, 4) T and phase U(0, 2π)."""
     shape = {"period": s.duration * draw_log_uniform(rng, 0.7, 4.0), "phase": rng.uniform(0, 2 * np.pi)}
     return _build_drift("slow sine", sensor_forms.compute_slow_sine(s.plan.time, **shape), shape)
 
 
 def _draw_drift_wander(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Window LU(0.03, 0.15) T."""
+    """Return a wandering drift with window LU(0.03, 0.15) T."""
     share = draw_log_uniform(rng, 0.03, 0.15)
     return _build_drift("wander", sensor_forms.draw_wander(s.plan.time, share, rng), {"window": share})
 
@@ -75,7 +75,10 @@ def _build_drift(form: str, course: np.ndarray, shape: dict[str, float]) -> Draw
 
 
 def _draw_stribeck(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Share at high speed U(0.3, 0.8), speed LU(0.3, 3) of the stroke's; proportional to pressure."""
+    """Return friction that weakens with speed, proportional to pressure.
+
+    Share at high speed U(0.3, 0.8), speed LU(0.3, 3) of the stroke's.
+    """
     share, slow = rng.uniform(0.3, 0.8), max(s.speed, 1e-6) * draw_log_uniform(rng, 0.3, 3.0)
     slide, shape = _draw_sliding(rng, s)
 
@@ -88,7 +91,7 @@ def _draw_stribeck(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_one_sided(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Direction ±1; proportional to pressure."""
+    """Return friction in one direction, ±1, proportional to pressure."""
     direction = int(rng.choice([-1, 1]))
     slide, shape = _draw_sliding(rng, s)
 
@@ -99,7 +102,7 @@ def _draw_one_sided(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_pressure_power(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Exponent of pressure U(1.25, 2)."""
+    """Return friction with exponent of pressure U(1.25, 2)."""
     exponent = rng.uniform(1.25, 2.0)
     slide, shape = _draw_sliding(rng, s)
 
@@ -110,7 +113,10 @@ def _draw_pressure_power(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_sliding(rng: np.random.Generator, s: BenchScales):
-    """Presliding distance LU(0.004, 0.06) of the travel; pressure moves the braid by LU(5e-4, 5e-3) L0."""
+    """Return a function that computes the sliding, and its shape.
+
+    Presliding distance LU(0.004, 0.06) of the travel; pressure moves the braid by LU(5e-4, 5e-3) L0.
+    """
     give = draw_log_uniform(rng, 5e-4, 5e-3) * s.braid.rest_length / s.max_pressure
     travel = s.stroke if not s.is_isometric else give * s.max_pressure
     distance = travel * draw_log_uniform(rng, 0.004, 0.06)
@@ -129,7 +135,7 @@ def _build_friction(form: str, compute_force, shape: dict[str, float]) -> DrawnF
 
 
 def _draw_eyring(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Speed of thinning LU(0.03, 1) of the stroke's."""
+    """Return damping that thins at a speed LU(0.03, 1) of the stroke's."""
     slow = max(s.speed, 1e-9) * draw_log_uniform(rng, 0.03, 1.0)
     return _build_damping(
         "eyring", s, lambda velocity: friction_forms.damp_by_eyring(velocity, slow), {"speed": slow}
@@ -137,7 +143,7 @@ def _draw_eyring(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_directional(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Share in the weaker direction U(0, 0.5), direction ±1."""
+    """Return damping with share U(0, 0.5) in the weaker direction, ±1."""
     share, direction = rng.uniform(0.0, 0.5), int(rng.choice([-1, 1]))
     reference = max(s.speed, 1e-9)
 
@@ -156,7 +162,7 @@ def _build_damping(form: str, s: BenchScales, damp, shape: dict[str, float]) -> 
 
 
 def _draw_fractional(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Order U(0.2, 0.6)."""
+    """Return relaxation of fractional order U(0.2, 0.6)."""
     order = rng.uniform(0.2, 0.6)
     return _build_relaxation(
         "fractional", s, lambda t, x: rubber_forms.relax_by_power_law(t, x, order), {"order": order}
@@ -164,7 +170,7 @@ def _draw_fractional(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_kohlrausch(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Exponent U(0.3, 0.6), time LU(0.003, 0.1) T."""
+    """Return relaxation with exponent U(0.3, 0.6) and time LU(0.003, 0.1) T."""
     exponent, constant = rng.uniform(0.3, 0.6), s.duration * draw_log_uniform(rng, 0.003, 0.1)
     return _build_relaxation(
         "stretched exponential", s,
@@ -181,7 +187,7 @@ def _build_relaxation(form: str, s: BenchScales, relax, shape: dict[str, float])
 
 
 def _draw_yeoh(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """c2 U(−0.1, 0.2), c3 = U(0.5, 2) c2²."""
+    """Return the rubber of Yeoh with c2 U(−0.1, 0.2) and c3 = U(0.5, 2) c2²."""
     second = rng.uniform(-0.1, 0.2)
     third = second**2 * rng.uniform(0.5, 2.0)
     return _build_rubber(
@@ -192,7 +198,7 @@ def _draw_yeoh(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_ogden(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Exponent U(3, 6)."""
+    """Return the rubber of Ogden with exponent U(3, 6)."""
     exponent = rng.uniform(3.0, 6.0)
     return _build_rubber(
         "ogden", lambda a: rubber_forms.build_ogden(s.wall, a, exponent), {"exponent": exponent}
@@ -200,7 +206,7 @@ def _draw_ogden(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_gent(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Limit of I1 − 3: U(1.5, 4) times the largest of the recording."""
+    """Return the rubber of Gent with limit of I1 − 3: U(1.5, 4) times the largest of the recording."""
     thread = np.full_like(s.plan.length, s.braid.thread)
     largest = float(s.wall.compute_first_invariant(s.plan.length, thread).max())
     limit = max(largest, 0.1) * rng.uniform(1.5, 4.0)
@@ -212,7 +218,7 @@ def _build_rubber(form: str, build, shape: dict[str, float]) -> DrawnForm:
 
 
 def _draw_exponential_softening(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Width LU(0.05, 0.4)."""
+    """Return exponential softening with width LU(0.05, 0.4)."""
     width = draw_log_uniform(rng, 0.05, 0.4)
     return _build_softening(
         "exponential", s, lambda e: rubber_forms.soften_exponentially(e, width), {"width": width}
@@ -220,7 +226,7 @@ def _draw_exponential_softening(rng: np.random.Generator, s: BenchScales) -> Dra
 
 
 def _draw_travel_softening(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Share of the travel LU(0.1, 0.5)."""
+    """Return softening over a share LU(0.1, 0.5) of the travel."""
     share = draw_log_uniform(rng, 0.1, 0.5)
     return _build_softening("travel", s, lambda e: rubber_forms.soften_by_travel(e, share), {"share": share})
 
@@ -233,12 +239,12 @@ def _build_softening(form: str, s: BenchScales, soften, shape: dict[str, float])
 
 
 def _draw_locking_contraction(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Start U(0.6, 0.85) of the largest contraction, exponent U(1, 3)."""
+    """Return locking above a contraction U(0.6, 0.85) of the largest, with exponent U(1, 3)."""
     return _build_locking("contraction", s, s.max_contraction * rng.uniform(0.6, 0.85), rng, side=1)
 
 
 def _draw_locking_extension(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Start U(0.1, 0.35) of the largest contraction, exponent U(1, 3)."""
+    """Return locking below a contraction U(0.1, 0.35) of the largest, with exponent U(1, 3)."""
     return _build_locking("extension", s, s.max_contraction * rng.uniform(0.1, 0.35), rng, side=-1)
 
 
@@ -252,7 +258,7 @@ def _build_locking(form: str, s: BenchScales, start: float, rng: np.random.Gener
 
 
 def _draw_locking_angle(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Starts where the contraction is U(0.1, 0.35) of the largest, exponent U(1, 3)."""
+    """Return locking from the angle at a contraction U(0.1, 0.35) of the largest, with exponent U(1, 3)."""
     length = s.braid.rest_length * (1 - s.max_contraction * rng.uniform(0.1, 0.35))
     start, exponent = float(np.arcsin(length / s.braid.thread)), rng.uniform(1.0, 3.0)
     return DrawnForm(
@@ -263,17 +269,17 @@ def _draw_locking_angle(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_cone(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """No shape parameter."""
+    """Return conical ends, without shape parameter."""
     return _build_taper("cone", s, braid_forms.taper_as_cone)
 
 
 def _draw_clamp(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """No shape parameter."""
+    """Return clamped ends, without shape parameter."""
     return _build_taper("clamp", s, braid_forms.taper_as_clamp)
 
 
 def _draw_parabola(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """No shape parameter."""
+    """Return parabolic ends, without shape parameter."""
     return _build_taper("parabola", s, braid_forms.taper_as_parabola)
 
 
@@ -285,12 +291,12 @@ def _build_taper(form: str, s: BenchScales, taper) -> DrawnForm:
 
 
 def _draw_crimp_corner(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Load LU(0.08, 0.7) of the largest."""
+    """Return crimp with a corner at a load LU(0.08, 0.7) of the largest."""
     return _build_crimp("corner", s, rng, braid_forms.uncrimp_with_corner)
 
 
 def _draw_crimp_recruitment(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Load LU(0.08, 0.7) of the largest."""
+    """Return crimp with recruitment at a load LU(0.08, 0.7) of the largest."""
     return _build_crimp("recruitment", s, rng, braid_forms.uncrimp_by_recruitment)
 
 
@@ -303,7 +309,7 @@ def _build_crimp(form: str, s: BenchScales, rng: np.random.Generator, uncrimp) -
 
 
 def _draw_power_stretch(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Exponent U(0.5, 0.75)."""
+    """Return a stretch by a power of the load, with exponent U(0.5, 0.75)."""
     exponent = rng.uniform(0.5, 0.75)
     return DrawnForm(
         "braid_elasticity", "power", "strain", 0.05,
@@ -313,7 +319,7 @@ def _draw_power_stretch(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_two_slips(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Both moments between 10 and 90 % of the time, share of the first U(0.3, 0.7)."""
+    """Return two slips between 10 and 90 % of the time, with share of the first U(0.3, 0.7)."""
     first, second = sorted(s.draw_moment(rng) for _ in range(2))
     share = rng.uniform(0.3, 0.7)
 
@@ -327,7 +333,7 @@ def _draw_two_slips(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_power_bedding(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Exponent U(1.5, 3)."""
+    """Return bedding by a power of the load, with exponent U(1.5, 3)."""
     exponent = rng.uniform(1.5, 3.0)
     return DrawnForm(
         "thread_slip", "power bedding", "strain", 0.03,
@@ -337,12 +343,12 @@ def _draw_power_bedding(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_exponential_contact(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """No shape parameter."""
+    """Return exponential contact loss, without shape parameter."""
     return _build_contact("exponential", rig_forms.lose_exponentially)
 
 
 def _draw_hyperbolic_contact(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """No shape parameter."""
+    """Return hyperbolic contact loss, without shape parameter."""
     return _build_contact("hyperbolic", rig_forms.lose_hyperbolically)
 
 
@@ -354,7 +360,7 @@ def _build_contact(form: str, lose) -> DrawnForm:
 
 
 def _draw_turbulent_drop(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """No shape parameter."""
+    """Return the pressure drop of a turbulent flow, without shape parameter."""
 
     def build(amplitude: float) -> Effect:
         return Effect(
@@ -365,7 +371,7 @@ def _draw_turbulent_drop(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_orifice_drop(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """No shape parameter."""
+    """Return the pressure drop of an orifice, without shape parameter."""
 
     def build(amplitude: float) -> Effect:
         return Effect(
@@ -382,7 +388,7 @@ def _compute_flow(s: BenchScales, path: MusclePath) -> np.ndarray:
 
 
 def _draw_hertz_rig(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Exponent U(0.5, 0.75)."""
+    """Return the deflection of a rig with exponent U(0.5, 0.75)."""
     exponent = rng.uniform(0.5, 0.75)
     return DrawnForm(
         "rig_compliance", "hertz", "deflection", 0.03 * s.braid.rest_length,
@@ -394,7 +400,7 @@ def _draw_hertz_rig(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_seat_rig(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Force at half of the deflection LU(0.05, 0.5) of the largest."""
+    """Return the deflection of a seat with half of it at a force LU(0.05, 0.5) of the largest."""
     half = s.max_force * draw_log_uniform(rng, 0.05, 0.5)
     return DrawnForm(
         "rig_compliance", "stiffening seat", "deflection", 0.03 * s.braid.rest_length,

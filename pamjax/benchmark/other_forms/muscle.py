@@ -24,10 +24,10 @@ from itertools import pairwise
 import numpy as np
 
 #: Step of a central difference over the rest length.
-DIFFERENCE_STEP = 1e-6
+_DIFFERENCE_STEP = 1e-6
 
 #: Largest number of iterations of thread length, slack radius and rig, and relative tolerance.
-MAX_ITERATIONS, ITERATION_TOLERANCE = 60, 1e-12
+_MAX_ITERATIONS, _ITERATION_TOLERANCE = 60, 1e-12
 
 Energy = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -145,7 +145,7 @@ class _Balance:
 
     @property
     def has_potential(self) -> bool:
-        """Whether any effect stores energy or changes the volume."""
+        """Return whether any effect stores energy or changes the volume."""
         return bool(self.energies) or any(effect.volume is not None for effect in self.effects)
 
     def compute_load(self, length: np.ndarray, thread: np.ndarray) -> np.ndarray:
@@ -153,7 +153,7 @@ class _Balance:
         out = self.pressure * length * thread / (2 * np.pi * self.braid.turns**2)
         if not self.has_potential:
             return out
-        h = DIFFERENCE_STEP * self.braid.rest_length
+        h = _DIFFERENCE_STEP * self.braid.rest_length
         upper, lower = (self.compute_potential(length, thread + step) for step in (h, -h))
         return out - (upper - lower) / (2 * h)
 
@@ -162,7 +162,7 @@ class _Balance:
         out = self.pressure * (3 * length**2 - thread**2) / (4 * np.pi * self.braid.turns**2)
         if not self.has_potential:
             return out
-        h = DIFFERENCE_STEP * self.braid.rest_length
+        h = _DIFFERENCE_STEP * self.braid.rest_length
         upper, lower = (self.compute_potential(length + step, thread) for step in (h, -h))
         return out + (upper - lower) / (2 * h)
 
@@ -179,10 +179,10 @@ class _Balance:
         """Return the thread length in equilibrium at a length, m."""
         unloaded_thread = self.stretch_threads(np.zeros_like(length))
         thread = unloaded_thread
-        for _ in range(MAX_ITERATIONS):
+        for _ in range(_MAX_ITERATIONS):
             longer = self.stretch_threads(self.compute_load(length, thread))
             change, thread = np.max(np.abs(longer - thread)), longer
-            if change < ITERATION_TOLERANCE * self.braid.thread:
+            if change < _ITERATION_TOLERANCE * self.braid.thread:
                 break
         if not self.has_potential:
             return thread
@@ -192,7 +192,7 @@ class _Balance:
     def _solve_slack(self, length: np.ndarray, unloaded_thread: np.ndarray) -> np.ndarray:
         """Return the thread length at which the load is zero, below the unloaded length, m."""
         low, high = length + 0.01 * (unloaded_thread - length), unloaded_thread
-        for _ in range(MAX_ITERATIONS):
+        for _ in range(_MAX_ITERATIONS):
             middle = 0.5 * (low + high)
             is_loaded = self.compute_load(length, middle) > 0
             low, high = np.where(is_loaded, middle, low), np.where(is_loaded, high, middle)
@@ -202,12 +202,12 @@ class _Balance:
         """Return the states at the lengths of a plan, shortened by the deflection of the rig."""
         length, deflections = plan.length, [e.deflection for e in self.effects if e.deflection is not None]
         thread = self.solve_thread(length)
-        for _ in range(MAX_ITERATIONS if deflections else 0):
+        for _ in range(_MAX_ITERATIONS if deflections else 0):
             force = np.maximum(self.compute_force(length, thread), 0.0)
             shorter = plan.length - sum(deflection(force) for deflection in deflections)
             change, length = np.max(np.abs(shorter - length)), shorter
             thread = self.solve_thread(length)
-            if change < ITERATION_TOLERANCE * self.braid.rest_length:
+            if change < _ITERATION_TOLERANCE * self.braid.rest_length:
                 break
         return MusclePath(
             plan.time, plan.starts, self.pressure, length, thread, self.braid.compute_radius(length, thread),

@@ -35,7 +35,7 @@ def repeat_reading(values: np.ndarray, first: int, count: int) -> np.ndarray:
     return out
 
 
-def break_threads(path: MusclePath, compliance: float, share: float, moment: float) -> np.ndarray:
+def _break_threads(path: MusclePath, compliance: float, share: float, moment: float) -> np.ndarray:
     """Return the extension C T s/(1 − s) after a moment, when a share s of the threads carries no load.
 
     The others carry the load T, N; C is the compliance of all threads, 1/N. Zero before.
@@ -44,7 +44,7 @@ def break_threads(path: MusclePath, compliance: float, share: float, moment: flo
 
 
 def _draw_stop(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Contraction U(0.4, 0.75) of the largest."""
+    """Return a stop from a contraction U(0.4, 0.75) of the largest."""
     start = s.max_contraction * rng.uniform(0.4, 0.75)
 
     def build(amplitude: float) -> Effect:
@@ -56,7 +56,7 @@ def _draw_stop(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_clipping(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """The amplitude is the share of the highest force that is cut off, at most 0.7."""
+    """Return clipping; the amplitude is the share of the highest force that is cut off, at most 0.7."""
 
     def build(amplitude: float) -> Effect:
         level = (1 - amplitude) * s.max_force
@@ -66,7 +66,10 @@ def _draw_clipping(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_zero_step(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Channel force, pressure or length with equal chances; moment between 10 and 90 % of the time."""
+    """Return a step of the zero of force, pressure or length, with equal chances.
+
+    Its moment is between 10 and 90 % of the time.
+    """
     channel, moment = str(rng.choice(["force", "pressure", "length"])), s.draw_moment(rng)
     limit = {"force": s.max_force, "pressure": 0.5 * s.max_pressure, "length": 0.05 * s.braid.rest_length}
     after = s.plan.time >= moment
@@ -77,7 +80,7 @@ def _draw_zero_step(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_stuck(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Channel force or length (force at fixed lengths); start U(0.1, 0.7) T.
+    """Return a repeated reading of force or length (force at fixed lengths) from U(0.1, 0.7) T.
 
     The amplitude is the share of the time that the reading repeats, at most 0.25.
     """
@@ -96,7 +99,10 @@ def _draw_stuck(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_ripple(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Wavelength LU(0.01, 0.05) of the rest length, phase U(0, 2π), in proportion to force or constant."""
+    """Return a ripple with wavelength LU(0.01, 0.05) of the rest length and phase U(0, 2π).
+
+    It is proportional to force, or constant.
+    """
     wavelength, phase = s.braid.rest_length * draw_log_uniform(rng, 0.01, 0.05), rng.uniform(0, 2 * np.pi)
     is_proportional = bool(rng.random() < 0.5)
 
@@ -114,7 +120,7 @@ def _draw_ripple(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_interference(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Period LU(4, 200) time steps, phase U(0, 2π)."""
+    """Return interference with period LU(4, 200) time steps and phase U(0, 2π)."""
     period, phase = s.step * draw_log_uniform(rng, 4.0, 200.0), rng.uniform(0, 2 * np.pi)
     wave = np.sin(2 * np.pi * s.plan.time / period + phase)
     return DrawnForm(
@@ -124,7 +130,10 @@ def _draw_interference(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_single_block(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """One isobar or length, with equal chances; its length (a slipped clamp) or its force is off."""
+    """Return an error of length (a slipped clamp) or force in one isobar or length.
+
+    The block and the channel have equal chances.
+    """
     block = int(rng.choice(np.unique(s.block[s.block >= 0])))
     channel = str(rng.choice(["length", "force"]))
     limit = {"force": s.max_force, "length": 0.05 * s.braid.rest_length}
@@ -136,7 +145,10 @@ def _draw_single_block(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
 
 def _draw_thread_break(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Moment between 10 and 90 % of the time; force and stiffness lose the same share, at most 0.5."""
+    """Return a break of threads between 10 and 90 % of the time.
+
+    Force and stiffness lose the same share, at most 0.5.
+    """
     moment = s.draw_moment(rng)
 
     def build(amplitude: float) -> Effect:
@@ -145,7 +157,7 @@ def _draw_thread_break(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
 
         return Effect(
             outputs=lose,
-            extension=lambda path: break_threads(path, s.braid.compliance, amplitude, moment),
+            extension=lambda path: _break_threads(path, s.braid.compliance, amplitude, moment),
         )
 
     return DrawnForm("thread_break", "step", "share", 0.5, build, {"moment": moment})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 #: Atmospheric pressure, Pa.
-ATMOSPHERE = 101325.0
+_ATMOSPHERE = 101325.0
 
 
 def lose_exponentially(pressure: np.ndarray, threshold: float) -> np.ndarray:
@@ -38,7 +38,7 @@ def drop_by_orifice(flow: np.ndarray, pressure: np.ndarray, reference: float, dr
     Q in m³/s, Pa the atmospheric pressure. Zero without flow. Source: Bernoulli's law with losses.
     """
     ratio = flow / reference
-    return drop * (1 + pressure / ATMOSPHERE) * ratio * np.abs(ratio)
+    return drop * (1 + pressure / _ATMOSPHERE) * ratio * np.abs(ratio)
 
 
 def deflect_by_hertz(force: np.ndarray, deflection: float, reference: float, exponent: float) -> np.ndarray:

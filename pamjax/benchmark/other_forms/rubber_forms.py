@@ -10,7 +10,7 @@ from scipy.special import gamma
 from pamjax.benchmark.other_forms.muscle import Energy, MusclePath, TrueBraid
 
 #: Smallest bore of a compressed wall, over the unstretched one.
-CLOSED_BORE_RATIO = 0.05
+_CLOSED_BORE_RATIO = 0.05
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class RubberWall:
 
     @property
     def volume(self) -> float:
-        """Volume of the rubber, π t (d + t) l, m³."""
+        """Return the volume of the rubber, π t (d + t) l, m³."""
         return np.pi * self.thickness * (self.bore + self.thickness) * self.length
 
     def compute_stretches(
@@ -33,7 +33,7 @@ class RubberWall:
         """Return the stretches along, around (at mid-wall) and through the wall."""
         radius, axial = self.braid.compute_radius(length, thread), length / self.length
         wall_area = self.thickness * (self.bore + self.thickness) / axial
-        inner = np.sqrt(np.maximum(radius**2 - wall_area, (0.5 * CLOSED_BORE_RATIO * self.bore) ** 2))
+        inner = np.sqrt(np.maximum(radius**2 - wall_area, (0.5 * _CLOSED_BORE_RATIO * self.bore) ** 2))
         hoop = (radius + inner) / (self.bore + self.thickness)
         return axial, hoop, 1 / (axial * hoop)
 

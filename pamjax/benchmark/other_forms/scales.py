@@ -44,7 +44,7 @@ class BenchScales:
 
     @property
     def is_isometric(self) -> bool:
-        """Whether the bench changes the pressure at fixed lengths."""
+        """Return whether the bench changes the pressure at fixed lengths."""
         return self.speed == 0.0
 
     def draw_moment(self, rng: np.random.Generator) -> float:

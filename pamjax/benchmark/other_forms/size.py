@@ -30,13 +30,13 @@ from pamjax.benchmark.other_forms.muscle import (
 from pamjax.records.reading.muscle_toml import Sensors
 
 #: Iterations of a refit, and of an amplitude.
-REFIT_ROUNDS, SCALING_ROUNDS = 3, 25
+_REFIT_ROUNDS, _SCALING_ROUNDS = 3, 25
 
 #: Relative error of a size at which its search ends, and largest one that is accepted.
-SIZE_TOLERANCE, MAX_SIZE_ERROR = 0.03, 0.1
+_EFFECT_SIZE_TOLERANCE, _MAX_SIZE_ERROR = 0.03, 0.1
 
 #: Relative step of derivatives of the baseline.
-BASELINE_STEP = 1e-5
+_BASELINE_STEP = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +75,13 @@ class BaselineFit:
 
     @property
     def parameter_count(self) -> int:
-        """Number of free parameters of the baseline."""
+        """Return the number of free parameters of the baseline."""
         return 3 if self.braid.compliance > 0 and self.prior_sd[2] > 0 else 2
 
     def compute_noise(self, pressure: np.ndarray, length: np.ndarray) -> np.ndarray:
         """Return the effective noise of every sample, (2, n), SI."""
         zero, sensors = np.zeros(self.parameter_count), self.sensors
-        steps = BASELINE_STEP * np.max(pressure), BASELINE_STEP * self.braid.rest_length
+        steps = _BASELINE_STEP * np.max(pressure), _BASELINE_STEP * self.braid.rest_length
         by_pressure = self.predict(pressure + steps[0], length, zero) - self.predict(
             pressure - steps[0], length, zero
         )
@@ -125,7 +125,7 @@ class BaselineFit:
         def predict(change: np.ndarray) -> np.ndarray:
             return weight * (self.predict(readings.pressure, readings.length, change) - own)
 
-        for _ in range(REFIT_ROUNDS):
+        for _ in range(_REFIT_ROUNDS):
             columns = [
                 (predict(change + step) - predict(change - step)).ravel() / 0.02
                 for step in 0.01 * np.eye(change.size)
@@ -162,13 +162,13 @@ def scale_to_size(
         measure: function that returns the size of an effect.
     """
     low, high, amplitude = 0.0, form.limit, 1e-3 * form.limit
-    best, least = None, MAX_SIZE_ERROR
-    for _ in range(SCALING_ROUNDS if form.limit > 0 else 0):
+    best, least = None, _MAX_SIZE_ERROR
+    for _ in range(_SCALING_ROUNDS if form.limit > 0 else 0):
         size = measure(form.build(sign * amplitude))
         error = abs(math.log(max(size, 1e-12) / target)) if math.isfinite(size) else math.inf
         if error < least:
             best, least = sign * amplitude, error
-        if error < SIZE_TOLERANCE:
+        if error < _EFFECT_SIZE_TOLERANCE:
             break
         is_small = math.isfinite(size) and size < target
         low, high = (amplitude, high) if is_small else (low, amplitude)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +11,7 @@ from pamjax.cli.screen import (
     REPORT_FILE,
     announce_compilation,
     check_writable,
+    format_command,
     print_json,
     print_text,
     print_written_files,
@@ -86,7 +86,9 @@ def diagnose(
                     if comparison is not None:
                         save_comparison(comparison, folder)
                     if report:
-                        _write_report(outcome, comparison, out, folder, seed)
+                        from pamjax.view.reports.diagnosis import write_diagnosis_report
+
+                        write_diagnosis_report(outcome, folder / REPORT_FILE, format_command(), comparison)
                 diagnoses.append(outcome)
                 notes.append(_format_note(outcome, comparison))
                 paths += _list_files(outcome, out, comparison is not None, report)
@@ -126,14 +128,3 @@ def _format_note(diagnosis: Diagnosis, comparison: ModelComparison | None) -> st
     return "\n".join(
         [*str(diagnosis).splitlines()[: MAX_VERDICT_LINES - len(comparison_lines)], *comparison_lines]
     )
-
-
-def _write_report(
-    diagnosis: Diagnosis, comparison: ModelComparison | None, out: Path, folder: Path, seed: int
-) -> None:
-    """Write the report to a folder; its command has the output folder `out`."""
-    from pamjax.view.reports.diagnosis import write_diagnosis_report
-
-    case = diagnosis.problem.case
-    words = ["pamjax", "diagnose", str(case.folder), "--out", str(out), "--seed", str(seed)]
-    write_diagnosis_report(diagnosis, folder / REPORT_FILE, shlex.join(words), comparison)

@@ -20,7 +20,7 @@ from pamjax.cli.screen import (
 )
 
 #: Figure of the priors, which a fit without priors does not have.
-PRIOR_FIGURE = "prior.png"
+_PRIOR_FIGURE = "prior.png"
 
 
 def fit(
@@ -85,9 +85,9 @@ def fit(
             from pamjax.view.reports.fit import write_fit_report
 
             paths.append(write_fit_report(result, folder / REPORT_FILE, format_command()))
-    if figures and not any(path.name == PRIOR_FIGURE for path in paths):
+    if figures and not any(path.name == _PRIOR_FIGURE for path in paths):
         # The figure of an earlier fit with priors does not belong to this fit.
-        (out / PRIOR_FIGURE).unlink(missing_ok=True)
+        (out / _PRIOR_FIGURE).unlink(missing_ok=True)
     paths = [out / path.name for path in paths]
     if json:
         print_json(build_fit_document(result))

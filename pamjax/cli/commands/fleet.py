@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from pamjax.fleet.fleet import Fleet
 
 #: Largest number of cases that the summary lists with their reason.
-MAX_LISTED_CASES = 10
+_MAX_LISTED_CASES = 10
 
 fleet = App(name="fleet", help_format="plaintext", help_formatter=ParagraphFormatter())
 
@@ -138,7 +138,7 @@ def report(store: Path, /) -> None:
         store: folder that `pamjax fleet` wrote.
     """
     from pamjax.cluster.connect import check_packages
-    from pamjax.fleet.answers import analyse_fleet
+    from pamjax.fleet.analysis import analyse_fleet
     from pamjax.fleet.fleet import build_fleet
     from pamjax.fleet.tables import build_tables, write_tables
 
@@ -196,8 +196,8 @@ def _print_summary(result: Fleet) -> None:
     for stage, counts in state["tasks"].items():
         numbers = [f"{counts[name]} {name}" for name in STATES if name in counts]
         print_text(f"  {stage:<9} {', '.join(numbers)}")
-    for entry in state["failed"][:MAX_LISTED_CASES]:
+    for entry in state["failed"][:_MAX_LISTED_CASES]:
         print_text(f"  {entry['state']}: {entry['case']}: {entry['reason']}")
-    rest = len(state["failed"]) - MAX_LISTED_CASES
+    rest = len(state["failed"]) - _MAX_LISTED_CASES
     if rest > 0:
         print_text(f"  {rest} more: `pamjax fleet status {shlex.quote(str(result.folder))} --json` lists all")

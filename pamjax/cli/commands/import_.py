@@ -12,8 +12,8 @@ def import_(rig: Path, /, *, out: Path, json: Json = False) -> None:
     """Make a case folder from the CSV or MAT files of a test rig, one file for each test or channel.
 
     Args:
-        rig: TOML file that describes the files: columns and their units, the muscle length in each test,
-            where to read the sensor zeros, and how to reduce the number of samples.
+        rig: TOML file that describes the files. It has the columns and their units, the muscle length in each
+            test, the place of the sensor zeros, and how to reduce the samples.
         out: case folder to write; it must be empty or not exist yet.
         json: print one JSON document.
     """

@@ -42,8 +42,8 @@ def plan(
 
     Args:
         muscle: case folder or muscle.toml.
-        rig: TOML file with a table [rig]: pressure, contraction, speed, rate, minutes, noise of force and
-            diameter ("none" without this sensor), and the uncertainty of sensor zeros and gains.
+        rig: TOML file with a table [rig]: pressure, contraction, speed, rate, minutes, and noise of force and
+            diameter ("none" without this sensor). It can also have the uncertainty of sensor zeros and gains.
         goal: parameter to determine, such as thread.modulus, or "all"; by default the stiffness of the
             threads.
         to: wanted standard deviation of the goal, such as "5 %" or "4 GPa"; by default "5 %".
@@ -58,7 +58,7 @@ def plan(
         json: print one JSON document.
     """
     from pamjax.compile.jax_cache import keep_compiled
-    from pamjax.errors import refuse
+    from pamjax.errors import BadInput, refuse
     from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
 
     check_writable(out)
@@ -91,7 +91,11 @@ def plan(
 
     with show_progress(quiet=json) as progress:
         progress("choosing runs", 0.0)
-        result = choose_runs(muscle, rig, goal, to, minutes=minutes, law=law, seed=seed)
+        try:
+            result = choose_runs(muscle, rig, goal, to, minutes=minutes, law=law, seed=seed)
+        except BadInput as error:
+            # The library names its parameter; a user of the command line knows the option.
+            raise BadInput(str(error).replace("`to`", "--to")) from error
     files = save_plan(result, out)
     if figures or report:
         from hashlib import sha256

@@ -13,8 +13,8 @@ from pamjax.cli.screen import check_writable, print_json, print_text, print_writ
 from pamjax.errors import check_minimum, refuse
 
 #: Recordings of `--quick` for each noise correlation, by number of concealed effects.
-QUICK_COUNTS = {"nothing": 1, "single": 3, "pair": 1, "triple": 0, "outside": 1}
-QUICK_CORRELATIONS = (0.0, 0.9)
+_QUICK_COUNTS = {"nothing": 1, "single": 3, "pair": 1, "triple": 0, "outside": 1}
+_QUICK_CORRELATIONS = (0.0, 0.9)
 
 
 def prove(
@@ -75,7 +75,7 @@ def prove(
         raise refuse(f"`{option}` needs the bank of other forms", remedy="Add --bank other-forms.")
     correlations = tuple(correlation) if correlation else (0.0,)
     if quick:
-        counts, correlations, workers = QUICK_COUNTS, QUICK_CORRELATIONS, max(workers, 2)
+        counts, correlations, workers = _QUICK_COUNTS, _QUICK_CORRELATIONS, max(workers, 2)
     if bank == "other-forms" and (stage == "score" or form_error):
         option = "--stage score" if stage == "score" else "--form-error"
         raise refuse(f"the bank of other forms has no `{option}`", remedy="Remove the option.")
@@ -93,7 +93,7 @@ def prove(
 
     tasks = build_tasks(
         counts, correlations, stage=stage, seed=seed,
-        with_baselines=rivals and stage == "all" and bank == "own", form_error=form_error, bank=bank,
+        with_competitors=rivals and stage == "all" and bank == "own", form_error=form_error, bank=bank,
     )  # fmt: skip
     if write is not None:
         _write_recordings(write, tasks, seed, json)
@@ -118,7 +118,7 @@ def _write_recordings(folder: Path, tasks: list, seed: int, json: bool) -> None:
         for finished_count, k in enumerate(order, start=1):
             recordings.append(draw_task_recording(tasks[k]))
             progress(f"{finished_count} of {len(tasks)}", finished_count / len(tasks))
-    notes = [{"number": tasks[k].number, "seed": seed} for k in order]
+    notes = [{"number": tasks[k].trial_index, "seed": seed} for k in order]
     key = write_bank(folder, recordings, notes)
     if json:
         print_json({"folder": str(folder), "recordings": len(recordings), "key": str(key)})
@@ -159,7 +159,7 @@ def _format_trials(trials: list) -> Iterator[str]:
     for trial in [item for item in trials if item.kind != "nothing"][:20]:
         named_text = ", ".join(trial.named) or ("unexplained" if trial.unexplained else "nothing")
         concealed_text = ", ".join([*trial.concealed, *([trial.outside] if trial.outside else [])])
-        yield f"  {trial.kind} {trial.number + 1}: {concealed_text} -> {named_text}"
+        yield f"  {trial.kind} {trial.trial_index + 1}: {concealed_text} -> {named_text}"
 
 
 def _write_tables(out: Path, trials: list, lines: list, *, with_figures: bool) -> list[Path]:

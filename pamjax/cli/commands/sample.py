@@ -42,8 +42,8 @@ def sample(
     Args:
         cases: case folders, each with recording.csv and muscle.toml.
         out: output folder.
-        priors: TOML file with priors that replace those of muscle.toml: one table for each parameter, such as
-            ["thread.modulus"], with value, sd, low and high, each with its unit.
+        priors: TOML file with priors that replace those of muscle.toml. It has one table for each parameter,
+            such as ["thread.modulus"], with value, sd, low and high, each with its unit.
         sampler: emcee (ensemble sampler) or nuts (needs the package blackjax).
         ess: required effective sample size of every parameter.
         rhat: largest accepted split-R̂ of every parameter.

@@ -29,7 +29,7 @@ def simulate(
 
     Args:
         muscle: a case folder or muscle.toml with stated values, or a fit.json or model.json of a fitted
-            muscle; the command warns about pressures and lengths outside the calibrated range.
+            muscle. The command warns about pressures and lengths outside the calibrated range.
         protocol: TOML file with a table [protocol]; by default ten isobars as in Chambers & Wereley (2022).
         out: case folder to write; it must be empty or not exist yet.
         law: thread law of a muscle with stated values; by default that of its baseline model.

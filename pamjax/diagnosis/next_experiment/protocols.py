@@ -17,7 +17,7 @@ from pamjax.records.protocol import Schedule
 _INDEPENDENT_READING_COUNT = 10
 
 #: Standard deviation of a reference (dead weights, second gauge): share of the reading; of a gauge block: m.
-_REFERENCE_SD_SHARE, _GAUGE_BLOCK_SD_M = 1e-3, 2e-5
+REFERENCE_SD_SHARE, GAUGE_BLOCK_SD_M = 1e-3, 2e-5
 
 
 @dataclass(frozen=True)
@@ -144,20 +144,18 @@ def _read_bar(rig: RigLimits) -> dict[str, float]:
     return {
         "rig_compliance.compliance": rig.length_noise / root_count / rig.max_force,
         "channel_lag.lag": rig.step / root_count,
-        "length_offset.offset": max(rig.length_noise / root_count, _GAUGE_BLOCK_SD_M),
-        "diameter_offset.offset": max(rig.diameter_noise / root_count, _GAUGE_BLOCK_SD_M),
+        "length_offset.offset": max(rig.length_noise / root_count, GAUGE_BLOCK_SD_M),
+        "diameter_offset.offset": max(rig.diameter_noise / root_count, GAUGE_BLOCK_SD_M),
     }
 
 
 def _read_references(rig: RigLimits) -> dict[str, float]:
     root_count = _INDEPENDENT_READING_COUNT**0.5
     return {
-        "force_gain.gain": max(rig.force_noise / root_count / rig.max_force, _REFERENCE_SD_SHARE),
-        "pressure_gain.gain": max(rig.pressure_noise / root_count / rig.max_pressure, _REFERENCE_SD_SHARE),
-        "pressure_offset.offset": max(
-            rig.pressure_noise / root_count, _REFERENCE_SD_SHARE * rig.max_pressure
-        ),
-        "force_offset.offset": max(rig.force_noise / root_count, _REFERENCE_SD_SHARE * rig.max_force),
+        "force_gain.gain": max(rig.force_noise / root_count / rig.max_force, REFERENCE_SD_SHARE),
+        "pressure_gain.gain": max(rig.pressure_noise / root_count / rig.max_pressure, REFERENCE_SD_SHARE),
+        "pressure_offset.offset": max(rig.pressure_noise / root_count, REFERENCE_SD_SHARE * rig.max_pressure),
+        "force_offset.offset": max(rig.force_noise / root_count, REFERENCE_SD_SHARE * rig.max_force),
     }
 
 
@@ -250,7 +248,7 @@ PROTOCOL_MENU = (
         get_direct_readings=lambda rig: {
             "end_taper.share": rig.diameter_noise / (0.1 * rig.rest_length) / _INDEPENDENT_READING_COUNT**0.5,
             "diameter_offset.offset": max(
-                rig.diameter_noise / _INDEPENDENT_READING_COUNT**0.5, _GAUGE_BLOCK_SD_M
+                rig.diameter_noise / _INDEPENDENT_READING_COUNT**0.5, GAUGE_BLOCK_SD_M
             ),
         },
         operator_minutes=15.0,

@@ -160,7 +160,7 @@ def build_density(
     )
 
 
-def temper_density(density: PosteriorDensity, u: Array, fit: Fit) -> PosteriorDensity:
+def apply_autocorrelation_powers(density: PosteriorDensity, u: Array, fit: Fit) -> PosteriorDensity:
     """Return the density with each channel's power from its innovations' autocorrelation time at u."""
     powers = []
     all_innovations = _compute_innovations(density, u)

@@ -17,7 +17,7 @@ from pamjax.infer.posterior.checkpoint import Arrays, Checkpoint, build_identity
 from pamjax.infer.posterior.convergence import discard_burn_in
 from pamjax.infer.posterior.ensemble import EnsembleSampler
 from pamjax.infer.posterior.laplace import GaussianApproximation, fit_laplace
-from pamjax.infer.posterior.log_density import PosteriorDensity, build_density, temper_density
+from pamjax.infer.posterior.log_density import PosteriorDensity, apply_autocorrelation_powers, build_density
 from pamjax.infer.posterior.nuts import NutsSampler
 from pamjax.infer.posterior.result import Posterior
 from pamjax.infer.posterior.sampler import Sampler, concatenate_chunks, run_sampler
@@ -129,7 +129,7 @@ def _start_chain(
         )
         return _set_powers(density, saved_start.pop("powers")), gaussian, saved_start
     gaussian = fit_laplace(density, start)
-    density = temper_density(density, gaussian.centre, fit)
+    density = apply_autocorrelation_powers(density, gaussian.centre, fit)
     powers = np.array([float(p) for ps in density.powers for p in ps])
     if (powers < 1).any():
         gaussian = fit_laplace(density, gaussian.centre)

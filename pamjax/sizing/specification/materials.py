@@ -11,7 +11,7 @@ from pamjax.errors import refuse, suggest_word
 from pamjax.records.shipped_tables import convert_to_si, read_shipped
 
 #: Assumed diameters of commercial threads, m; each material uses those within its own range.
-STOCK_DIAMETERS = (0.05e-3, 0.1e-3, 0.15e-3, 0.2e-3, 0.3e-3, 0.4e-3, 0.5e-3, 0.7e-3, 1.0e-3)
+_STOCK_DIAMETERS = (0.05e-3, 0.1e-3, 0.15e-3, 0.2e-3, 0.3e-3, 0.4e-3, 0.5e-3, 0.7e-3, 1.0e-3)
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def _read_thread(row: dict[str, Any]) -> ThreadKind:
         strength=_read_property(row, "strength"),
         density=float(row["density"]),
         fill=float(row["fill"]),
-        diameters=tuple(d for d in STOCK_DIAMETERS if low * (1 - 1e-9) <= d <= high * (1 + 1e-9)),
+        diameters=tuple(d for d in _STOCK_DIAMETERS if low * (1 - 1e-9) <= d <= high * (1 + 1e-9)),
         source=row["source"],
     )
 

@@ -16,7 +16,7 @@ from pamjax.records.shipped_tables import convert_to_si, read_shipped
 from pamjax.sizing.specification.materials import ThreadKind
 
 #: Largest barb / inner diameter of its tube: the tube is stretched over the barb.
-MAX_BARB_RATIO = 1.3
+_MAX_BARB_RATIO = 1.3
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def find_barb(inner_diameter: float) -> str | None:
     wide = {
         size: diameter
         for size, diameter in sizes.items()
-        if 0.98 <= diameter / inner_diameter <= MAX_BARB_RATIO
+        if 0.98 <= diameter / inner_diameter <= _MAX_BARB_RATIO
     }
     size = min(wide, key=lambda size: wide[size], default=None)
     return f"{1e3 * wide[size]:.3g} mm ({size})" if size and size.endswith(" in") else size

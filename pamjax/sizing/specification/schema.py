@@ -15,19 +15,19 @@ from pamjax.units import parse_number
 Objective = Literal["diameter", "mass", "air", "pressure", "cost", "length"]
 OBJECTIVES: tuple[str, ...] = get_args(Objective)
 #: Other words for an objective, for messages.
-OBJECTIVE_SYNONYMS = {"weight": "mass", "price": "cost", "volume": "air", "width": "diameter"}
+_OBJECTIVE_SYNONYMS = {"weight": "mass", "price": "cost", "volume": "air", "width": "diameter"}
 
 #: Required probability that all requirements hold together, if the spec states none.
-DEFAULT_PROBABILITY = 0.9
+_DEFAULT_PROBABILITY = 0.9
 
 #: Title of the entries outside all tables.
-SPEC_TITLE = "the spec"
+_SPEC_TITLE = "the spec"
 
 
 def _build_validator(read: Callable[[Any, EntryLocation], Any]) -> BeforeValidator:
     def read_at(raw: Any, info: ValidationInfo) -> Any:
         table = (info.config or {}).get("title")
-        name = str(info.field_name) if table == SPEC_TITLE else f"[{table}] {info.field_name}"
+        name = str(info.field_name) if table == _SPEC_TITLE else f"[{table}] {info.field_name}"
         return read(raw, EntryLocation(name, (info.context or {}).get("file", "the spec")))
 
     return BeforeValidator(read_at)
@@ -267,11 +267,11 @@ class Calibration(_SpecTable):
 class SpecEntries(_SpecTable):
     """All entries of a spec."""
 
-    model_config = ConfigDict(title=SPEC_TITLE)
+    model_config = ConfigDict(title=_SPEC_TITLE)
     name: str = ""
     minimise: Objective = "diameter"
     against: Objective | None = None
-    probability: Share = DEFAULT_PROBABILITY
+    probability: Share = _DEFAULT_PROBABILITY
     free_contraction: Share | None = None
     air: Volume | None = None
     parallel: Counts = (1,)
@@ -325,7 +325,7 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
             f"`{path[-1]}` must be one of {', '.join(OBJECTIVES)}",
             f"{first['input']!r}",
             where,
-            suggest_word(OBJECTIVE_SYNONYMS.get(str(first["input"]), str(first["input"])), OBJECTIVES),
+            suggest_word(_OBJECTIVE_SYNONYMS.get(str(first["input"]), str(first["input"])), OBJECTIVES),
         )
     if first["type"] == "tuple_type" and path[-1] in ("force", "thread", "bladder"):
         rule = f"each `{path[-1]}` must be a table of its own"

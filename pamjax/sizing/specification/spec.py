@@ -23,16 +23,16 @@ from pamjax.sizing.specification.schema import (
 from pamjax.units import format_quantity
 
 #: Usual numbers of threads of braiding machines, both families together.
-THREAD_COUNTS = (16, 24, 32, 48, 64, 96, 144)
+_THREAD_COUNTS = (16, 24, 32, 48, 64, 96, 144)
 
 #: Assumed length of one fitting, m, and its largest share of the available length.
-DEFAULT_FITTING, MAX_FITTING_SHARE = 15e-3, 0.08
+_DEFAULT_FITTING, _MAX_FITTING_SHARE = 15e-3, 0.08
 
 #: Fractions of a stroke at which its load is checked.
 STROKE_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 #: Largest number of [[force]] entries: a candidate has sixteen operating points, see `candidate.POINT_COUNT`.
-MAX_FORCES = 9
+_MAX_FORCES = 9
 
 #: Smallest circle around 1 to 12 equal circles, in diameters of one circle.
 PACKING_RATIOS = (1, 2, 2.1547, 2.4142, 2.7013, 3, 3, 3.3048, 3.6131, 3.8130, 3.9238, 4.0296)
@@ -73,12 +73,12 @@ class Spec:
         envelope = self.entries.envelope
         if envelope.fittings is not None or envelope.length is None or not self.stock:
             return envelope.fittings or 0.0
-        return min(DEFAULT_FITTING, MAX_FITTING_SHARE * envelope.length)
+        return min(_DEFAULT_FITTING, _MAX_FITTING_SHARE * envelope.length)
 
     @property
     def counts(self) -> tuple[int, ...]:
         """Return the permitted numbers of threads."""
-        return self.entries.threads.counts or THREAD_COUNTS
+        return self.entries.threads.counts or _THREAD_COUNTS
 
 
 def read_spec(source: str | Path | Mapping[str, Any], stock: bool = False) -> Spec:
@@ -123,9 +123,9 @@ def _check_demands(entries: SpecEntries, file: str) -> None:
     if not entries.force and entries.stroke is None and entries.free_contraction is None:
         remedy = 'Add [[force]] at_least = "500 N", contraction = 0.1.'
         raise refuse("a spec must state [[force]], [stroke] or `free_contraction`", "none", file, remedy)
-    if len(entries.force) > MAX_FORCES:
+    if len(entries.force) > _MAX_FORCES:
         got, remedy = f"{len(entries.force)}", "Keep the most demanding ones."
-        raise refuse(f"a spec has at most {MAX_FORCES} [[force]] entries", got, file, remedy)
+        raise refuse(f"a spec has at most {_MAX_FORCES} [[force]] entries", got, file, remedy)
     for k, demand in enumerate(entries.force, 1):
         if demand.contraction is not None and demand.shortening is not None:
             rule = "a [[force]] table has either `contraction` or `shortening`"

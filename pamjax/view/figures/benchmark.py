@@ -23,12 +23,12 @@ from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.view.theme import DOUBLE_COLUMN, OKABE_ITO, REFERENCE_COLOUR, apply_theme, create_figure
 
 #: Edges of effect sizes, in noise standard deviations.
-SIZE_EDGES = (2.0, 4.0, 6.0, 9.0, 14.0, 30.0)
-PAMJAX_COLOUR, BIC_COLOUR, GP_COLOUR, BASELINE_COLOUR = (
+_SIZE_EDGES = (2.0, 4.0, 6.0, 9.0, 14.0, 30.0)
+_PAMJAX_COLOUR, _BIC_COLOUR, _GP_COLOUR, _BASELINE_COLOUR = (
     OKABE_ITO[c] for c in ("blue", "vermilion", "orange", "purple")
 )
 #: Colours by autocorrelation of the noise, from low to high.
-CORRELATION_COLOURS = (OKABE_ITO["sky"], OKABE_ITO["blue"], OKABE_ITO["black"])
+_CORRELATION_COLOURS = (OKABE_ITO["sky"], OKABE_ITO["blue"], OKABE_ITO["black"])
 
 
 def plot_null(trials: Sequence[Trial]) -> Figure | None:
@@ -67,9 +67,9 @@ def _plot_quantiles(panel: Panel, p_values: Sequence[float]) -> None:
         expected, low, high, color=REFERENCE_COLOUR, alpha=0.25, lw=0, label="95 % band, uniform"
     )
     panel.plot(expected, expected, color=REFERENCE_COLOUR, lw=0.8)
-    panel.plot(expected, np.maximum(sorted_values, 0.1 / n), ".", color=PAMJAX_COLOUR, ms=3, gid="p-values")
+    panel.plot(expected, np.maximum(sorted_values, 0.1 / n), ".", color=_PAMJAX_COLOUR, ms=3, gid="p-values")
     limit = DEFAULT_SETTINGS.detection_p_value
-    panel.axhline(limit, color=BASELINE_COLOUR, ls=":", lw=0.8, label="detection limit")
+    panel.axhline(limit, color=_BASELINE_COLOUR, ls=":", lw=0.8, label="detection limit")
     panel.set(
         xscale="log", yscale="log", xlim=(min(0.5 / n, 0.03), 1), ylim=(min(0.08 / n, 0.005), 1.2),
         xlabel="expected p-value", ylabel="observed p-value",
@@ -110,7 +110,7 @@ def _plot_recovery(panel: Panel, trials: Sequence[Trial]) -> None:
         _plot_by_size(
             panel,
             size_hits,
-            CORRELATION_COLOURS[k % 3],
+            _CORRELATION_COLOURS[k % 3],
             "o",
             f"autocorrelation {correlation:g}",
             k - (len(correlations) - 1) / 2,
@@ -122,7 +122,7 @@ def _plot_recovery(panel: Panel, trials: Sequence[Trial]) -> None:
         for size, id in zip(trial.sizes, trial.concealed, strict=True)
     ]
     if bic_hits:
-        _plot_by_size(panel, bic_hits, BIC_COLOUR, "s", "BIC", 0.0, ls="--")
+        _plot_by_size(panel, bic_hits, _BIC_COLOUR, "s", "BIC", 0.0, ls="--")
     rate = Rate.from_outcomes(hit for _, hit in all_hits)
     panel.set(
         ylim=(0, 1.03),
@@ -135,7 +135,7 @@ def _plot_recovery(panel: Panel, trials: Sequence[Trial]) -> None:
 
 def _plot_by_size(panel: Panel, size_hits, colour, marker, label, shift, ls="-") -> None:
     sizes, rates = [], []
-    for low, high in pairwise(SIZE_EDGES):
+    for low, high in pairwise(_SIZE_EDGES):
         hits = [hit for size, hit in size_hits if low <= size < high]
         if hits:
             sizes.append(np.sqrt(low * high) * 1.04**shift)
@@ -153,7 +153,7 @@ def _plot_rates(panel: Panel, x, rates: Sequence[Rate], colour, marker, label, l
 
 
 def _set_size_axis(panel: Panel) -> None:
-    panel.set(xscale="log", xlim=(SIZE_EDGES[0], SIZE_EDGES[-1]), xlabel="effect size [noise sd]")
+    panel.set(xscale="log", xlim=(_SIZE_EDGES[0], _SIZE_EDGES[-1]), xlabel="effect size [noise sd]")
     panel.set_xticks([3, 5, 8, 12, 20], ["3", "5", "8", "12", "20"])
     panel.minorticks_off()
 
@@ -165,7 +165,7 @@ def _plot_false_names(panel: Panel, trials: Sequence[Trial]) -> None:
         for correlation in correlations
     ]
     x = np.arange(len(correlations))
-    _plot_rates(panel, x - 0.08, pamjax_rates, PAMJAX_COLOUR, "o", "pamjax", "none")
+    _plot_rates(panel, x - 0.08, pamjax_rates, _PAMJAX_COLOUR, "o", "pamjax", "none")
     bic_trials = [
         [trial for trial in trials if trial.correlation == correlation and trial.selected is not None]
         for correlation in correlations
@@ -175,7 +175,7 @@ def _plot_false_names(panel: Panel, trials: Sequence[Trial]) -> None:
             Rate.from_outcomes(bool(set(trial.selected or ()) - set(trial.concealed)) for trial in group)
             for group in bic_trials
         ]
-        _plot_rates(panel, x + 0.08, bic_rates, BIC_COLOUR, "s", "BIC", "none")
+        _plot_rates(panel, x + 0.08, bic_rates, _BIC_COLOUR, "s", "BIC", "none")
     panel.set_xticks(x, [f"{correlation:g}" for correlation in correlations])
     overall = Rate.from_outcomes(not all(trial.names_right) for trial in trials)
     panel.set(
@@ -189,7 +189,7 @@ def _plot_false_names(panel: Panel, trials: Sequence[Trial]) -> None:
 def _plot_reliability(panel: Panel, trials: Sequence[Trial]) -> None:
     bins = compute_reliability(trials)
     panel.plot([0.4, 1], [0.4, 1], color=REFERENCE_COLOUR, lw=0.8)
-    _plot_rates(panel, [p for p, _ in bins], [rate for _, rate in bins], PAMJAX_COLOUR, "o", "names", "none")
+    _plot_rates(panel, [p for p, _ in bins], [rate for _, rate in bins], _PAMJAX_COLOUR, "o", "names", "none")
     for p, rate in bins:
         offset = -10 if rate.share > 0.1 else 4
         panel.annotate(
@@ -208,8 +208,8 @@ def _plot_coverage(panel: Panel, trials: Sequence[Trial]) -> None:
     correlations = sorted({trial.correlation for trial in trials})
     x = np.arange(len(correlations))
     kinds = (
-        ("mechanism parameters", False, PAMJAX_COLOUR, -0.08),
-        ("baseline parameters", True, BASELINE_COLOUR, 0.08),
+        ("mechanism parameters", False, _PAMJAX_COLOUR, -0.08),
+        ("baseline parameters", True, _BASELINE_COLOUR, 0.08),
     )
     for label, of_baseline, colour, shift in kinds:
         rates = [
@@ -233,13 +233,13 @@ def _plot_held_out(panel: Panel, trials: Sequence[Trial]) -> None:
     scored_trials = [trial for trial in trials if "force" in trial.after]
     kinds: tuple[tuple[str, str, Callable[[Trial], float | None]], ...] = (
         ("baseline", REFERENCE_COLOUR, lambda trial: trial.before["force"]),
-        ("Gaussian process", GP_COLOUR, lambda trial: trial.curve_after),
-        ("BIC selection", BIC_COLOUR, lambda trial: trial.selected_after),
-        ("pamjax", PAMJAX_COLOUR, lambda trial: trial.after["force"]),
+        ("Gaussian process", _GP_COLOUR, lambda trial: trial.curve_after),
+        ("BIC selection", _BIC_COLOUR, lambda trial: trial.selected_after),
+        ("pamjax", _PAMJAX_COLOUR, lambda trial: trial.after["force"]),
     )
     for label, colour, score in kinds:
         sizes, medians, quantiles = [], [], []
-        for low, high in pairwise(SIZE_EDGES):
+        for low, high in pairwise(_SIZE_EDGES):
             raw_scores = [score(trial) for trial in scored_trials if low <= max(trial.sizes) < high]
             values = [v for v in raw_scores if v is not None]
             if values:
@@ -266,11 +266,11 @@ def _plot_held_out(panel: Panel, trials: Sequence[Trial]) -> None:
 def _plot_location(panel: Panel, trials: Sequence[Trial]) -> None:
     located_trials = [trial for trial in trials if trial.iou is not None]
     for label, colour, field in (
-        ("pamjax", PAMJAX_COLOUR, "iou"),
+        ("pamjax", _PAMJAX_COLOUR, "iou"),
         ("entire recording", REFERENCE_COLOUR, "iou_blind"),
     ):
         sizes, means, errors = [], [], []
-        for low, high in pairwise(SIZE_EDGES):
+        for low, high in pairwise(_SIZE_EDGES):
             values = [getattr(trial, field) for trial in located_trials if low <= max(trial.sizes) < high]
             if values:
                 sizes.append(np.sqrt(low * high))

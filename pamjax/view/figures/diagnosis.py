@@ -39,10 +39,10 @@ from pamjax.view.theme import (
 from pamjax.view.wording import format_signed
 
 #: Largest number of rival mechanisms and of baseline parameters in a figure.
-MAX_RIVALS, MAX_SHIFTS = 7, 12
+_MAX_RIVALS, _MAX_SHIFTS = 7, 12
 #: Ratio of the largest to the smallest error above which the axis is logarithmic.
-LOG_AXIS_RATIO = 8.0
-BASELINE_MARK_COLOUR, NAMED_COLOUR = OKABE_ITO["vermilion"], OKABE_ITO["blue"]
+_LOG_AXIS_RATIO = 8.0
+_BASELINE_MARK_COLOUR, _NAMED_COLOUR = OKABE_ITO["vermilion"], OKABE_ITO["blue"]
 
 
 def plot_held_out_scores(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
@@ -68,9 +68,9 @@ def plot_held_out_scores(diagnosis: Diagnosis, narrow: bool = False) -> Figure |
             _plot_scores(panel, diagnosis, channel, block_names)
         panels[0].set_yticks(range(len(row_labels)), row_labels)
         panels[0].set_ylim(len(row_labels) - 0.5, -0.5)
-        baseline_marks = [create_mark("baseline", marker="D", color=BASELINE_MARK_COLOUR, mfc="none")]
+        baseline_marks = [create_mark("baseline", marker="D", color=_BASELINE_MARK_COLOUR, mfc="none")]
         named_marks = (
-            [create_mark("with mechanisms", marker="o", color=NAMED_COLOUR)]
+            [create_mark("with mechanisms", marker="o", color=_NAMED_COLOUR)]
             if diagnosis.named_mechanisms
             else []
         )
@@ -96,12 +96,12 @@ def _plot_scores(panel: Panel, diagnosis: Diagnosis, channel: str, block_names: 
         rmse[kind] = to_display(channel, np.array([compute_rms(misfit[m]) for m in masks] + overall))
     y = np.arange(len(rmse["before"]))
     noise = diagnosis.as_dict()["noise"][channel]["sd"]
-    panel.plot(rmse["before"], y, "D", color=BASELINE_MARK_COLOUR, mfc="none", ms=5.5, gid="before")
+    panel.plot(rmse["before"], y, "D", color=_BASELINE_MARK_COLOUR, mfc="none", ms=5.5, gid="before")
     if diagnosis.named_mechanisms:
         panel.hlines(y, rmse["before"], rmse["after"], color=REFERENCE_COLOUR, lw=0.8)
-        panel.plot(rmse["after"], y, "o", color=NAMED_COLOUR, gid="after")
+        panel.plot(rmse["after"], y, "o", color=_NAMED_COLOUR, gid="after")
     panel.axvline(noise, color=REFERENCE_COLOUR, ls="--", lw=0.8, gid="noise")
-    if np.nanmax(rmse["before"]) > LOG_AXIS_RATIO * min(noise, np.nanmin(rmse["after"])):
+    if np.nanmax(rmse["before"]) > _LOG_AXIS_RATIO * min(noise, np.nanmin(rmse["after"])):
         panel.set_xscale("log")
         panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         panel.xaxis.set_major_formatter("{x:g}")
@@ -122,7 +122,7 @@ def _plot_scores(panel: Panel, diagnosis: Diagnosis, channel: str, block_names: 
 
 def plot_candidates(diagnosis: Diagnosis, mechanism: NamedMechanism, narrow: bool = False) -> Figure:
     """Return the increase of χ² if another mechanism, or none, replaces an identified mechanism."""
-    rivals = sorted(mechanism.rival_chi2_increase.items(), key=lambda pair: pair[1])[:MAX_RIVALS]
+    rivals = sorted(mechanism.rival_chi2_increase.items(), key=lambda pair: pair[1])[:_MAX_RIVALS]
     labels = [*(id for id, _ in rivals), "no mechanism"]
     losses = np.array([*(loss for _, loss in rivals), mechanism.chi2_increase])
     settings = diagnosis.settings
@@ -135,14 +135,14 @@ def plot_candidates(diagnosis: Diagnosis, mechanism: NamedMechanism, narrow: boo
         shown_losses = np.maximum(losses, left_edge)
         y = np.arange(len(labels))
         panel.hlines(y, left_edge, shown_losses, color=REFERENCE_COLOUR, lw=0.8)
-        colours = [NAMED_COLOUR if loss < tie_loss else BASELINE_MARK_COLOUR for loss in losses]
+        colours = [_NAMED_COLOUR if loss < tie_loss else _BASELINE_MARK_COLOUR for loss in losses]
         panel.scatter(shown_losses, y, c=colours, s=22, zorder=3, gid="loss", clip_on=False)
         panel.set(xscale="log", xlabel="increase of χ²")
         panel.set_xlim(left_edge, 2 * max(shown_losses.max(), tie_loss))
         panel.set_yticks(y, labels)
         panel.set_ylim(len(labels) - 0.5, -0.5)
         panel.set_ylabel("replaced by")
-        drawing.suptitle(textwrap.fill(format_rivalry(mechanism), 48 if narrow else 80), x=0.01, ha="left")
+        drawing.suptitle(textwrap.fill(_format_rivalry(mechanism), 48 if narrow else 80), x=0.01, ha="left")
         drawing.legend(
             handles=[create_mark("indistinguishable", marker="s", ms=7, alpha=0.3)],
             loc="outside lower center",
@@ -150,7 +150,7 @@ def plot_candidates(diagnosis: Diagnosis, mechanism: NamedMechanism, narrow: boo
     return drawing
 
 
-def format_rivalry(mechanism: NamedMechanism) -> str:
+def _format_rivalry(mechanism: NamedMechanism) -> str:
     """Return the title: the best rival mechanism, and how much worse it fits."""
     if mechanism.indistinguishable:
         verb = "fits" if len(mechanism.indistinguishable) == 1 else "fit"
@@ -172,7 +172,7 @@ def plot_shifts(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
     if not diagnosis.parameter_shifts:
         return None
     largest_shifts = sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift))[
-        :MAX_SHIFTS
+        :_MAX_SHIFTS
     ]
     shifts = [shift.shift for _, shift in largest_shifts]
     with apply_theme():
@@ -182,12 +182,12 @@ def plot_shifts(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
         panel.axvline(0, color=REFERENCE_COLOUR, lw=0.6)
         y = np.arange(len(largest_shifts))
         panel.hlines(y, 0, shifts, color=REFERENCE_COLOUR, lw=0.8)
-        panel.plot(shifts, y, "o", color=NAMED_COLOUR, gid="shift")
+        panel.plot(shifts, y, "o", color=_NAMED_COLOUR, gid="shift")
         panel.set_yticks(y, [name for name, _ in largest_shifts])
         panel.set_ylim(len(largest_shifts) - 0.5, -0.5)
         x_limit = 1.15 * max(2.0, *map(abs, shifts))
         panel.set(xlim=(-x_limit, x_limit), xlabel="shift [sd of the baseline fit]")
-        drawing.suptitle(textwrap.fill(format_shifts(diagnosis), 48 if narrow else 80), x=0.01, ha="left")
+        drawing.suptitle(textwrap.fill(_format_shifts(diagnosis), 48 if narrow else 80), x=0.01, ha="left")
         drawing.legend(
             handles=[create_mark("± 1 sd of the baseline fit", marker="s", ms=7, alpha=0.3)],
             loc="outside lower center",
@@ -195,7 +195,7 @@ def plot_shifts(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
     return drawing
 
 
-def format_shifts(diagnosis: Diagnosis) -> str:
+def _format_shifts(diagnosis: Diagnosis) -> str:
     """Return the title: how many baseline parameters were biased, and which one most."""
     biased_names = [name for name, shift in diagnosis.parameter_shifts.items() if abs(shift.shift) > 1]
     if not biased_names:

@@ -25,7 +25,7 @@ from pamjax.view.theme import (
 )
 
 #: Largest number of settings with a loop, and of measured points in each loop.
-MAX_LOOPS, MAX_LOOP_POINTS = 4, 120
+_MAX_LOOPS, _MAX_LOOP_POINTS = 4, 120
 
 
 def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
@@ -95,9 +95,9 @@ def select_settings(diagnosis: Diagnosis) -> Layout:
     """Return the layout of a few settings: the outer ones, some between, and a held-out one."""
     full_layout = build_layout(diagnosis.problem.case)
     setting_count = len(full_layout.names)
-    if setting_count <= MAX_LOOPS:
+    if setting_count <= _MAX_LOOPS:
         return full_layout
-    chosen_settings = np.unique(np.linspace(0, setting_count - 1, MAX_LOOPS).round().astype(int))
+    chosen_settings = np.unique(np.linspace(0, setting_count - 1, _MAX_LOOPS).round().astype(int))
     held_out_groups = np.unique(
         full_layout.group[diagnosis.held_out_errors.held_out & (full_layout.group >= 0)]
     )
@@ -128,7 +128,7 @@ def _plot_loops(
     measured_rows = np.isfinite(measured_values)
     for group, colour in enumerate(row_layout.colours):
         rows = np.flatnonzero((row_layout.group == group) & measured_rows)
-        rows = rows[:: max(1, math.ceil(rows.size / MAX_LOOP_POINTS))]
+        rows = rows[:: max(1, math.ceil(rows.size / _MAX_LOOP_POINTS))]
         panel.plot(
             row_layout.x[rows],
             measured_values[rows],
@@ -191,7 +191,7 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
                 continue
             panel.axhline(0, color=REFERENCE_COLOUR, lw=0.6)
             rows = np.flatnonzero((row_layout.group == k) & np.isfinite(residual))
-            rows = rows[:: max(1, math.ceil(rows.size / MAX_LOOP_POINTS))]
+            rows = rows[:: max(1, math.ceil(rows.size / _MAX_LOOP_POINTS))]
             panel.plot(
                 row_layout.x[rows],
                 residual[rows],
@@ -214,7 +214,7 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
             )
             panel.label_outer()
         drawing.suptitle(
-            textwrap.fill(format_explained_share(diagnosis, residual, correction), 48 if narrow else 104),
+            textwrap.fill(_format_explained_share(diagnosis, residual, correction), 48 if narrow else 104),
             x=0.01,
             ha="left",
         )
@@ -228,7 +228,7 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
     return drawing
 
 
-def format_explained_share(diagnosis: Diagnosis, residual: np.ndarray, correction: np.ndarray) -> str:
+def _format_explained_share(diagnosis: Diagnosis, residual: np.ndarray, correction: np.ndarray) -> str:
     """Return the title: the share of the squared residuals that the mechanisms explain."""
     explained_fraction = 1 - np.nanmean((residual - correction) ** 2) / np.nanmean(residual**2)
     names = join_words([mechanism.id for mechanism in diagnosis.named_mechanisms])

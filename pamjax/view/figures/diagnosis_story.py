@@ -27,9 +27,9 @@ from pamjax.view.theme import (
 )
 
 #: Largest number of other mechanisms in the second step.
-MAX_STORY_RIVALS = 4
+_MAX_STORY_RIVALS = 4
 #: Width of a title, letters.
-TITLE_LETTERS = 34
+_TITLE_LETTERS = 34
 
 
 def plot_story(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
@@ -61,7 +61,7 @@ def plot_story(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
             panel.set_ylabel(f"{channel}: measured − {model} [{DISPLAY_UNIT[channel]}]")
         _plot_rivals(panels[1], diagnosis)
         for panel, title in zip(panels, _format_steps(diagnosis, channel, before, after), strict=True):
-            panel.set_title(textwrap.fill(title, TITLE_LETTERS))
+            panel.set_title(textwrap.fill(title, _TITLE_LETTERS))
         add_key(
             drawing,
             panels,
@@ -85,7 +85,7 @@ def _plot_residual(panel: Panel, residual: np.ndarray, row_layout: Layout, noise
 def _plot_rivals(panel: Panel, diagnosis: Diagnosis) -> None:
     """Draw the increase of χ² if another mechanism, or none, replaces the first named mechanism."""
     mechanism = diagnosis.named_mechanisms[0]
-    rivals = sorted(mechanism.rival_chi2_increase.items(), key=lambda pair: pair[1])[:MAX_STORY_RIVALS]
+    rivals = sorted(mechanism.rival_chi2_increase.items(), key=lambda pair: pair[1])[:_MAX_STORY_RIVALS]
     names = [mechanism.id, *(id for id, _ in rivals), "no mechanism"]
     losses = np.array([0.0, *(max(loss, 0.0) for _, loss in rivals), mechanism.chi2_increase])
     y, colours = np.arange(len(names)), [OKABE_ITO["blue"], *[OKABE_ITO["vermilion"]] * (len(names) - 1)]

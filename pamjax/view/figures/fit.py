@@ -48,11 +48,11 @@ from pamjax.view.theme import (
 from pamjax.view.wording import format_signed
 
 #: Largest number of blocks that all have a label on the axis.
-MAX_NAMED_BLOCKS = 30
+_MAX_NAMED_BLOCKS = 30
 #: Smallest shift that is reported, in standard deviations of the prior.
-MIN_PRIOR_SHIFT = 0.05
+_MIN_PRIOR_SHIFT = 0.05
 #: Largest number of rows that are drawn as large points above the lines.
-MAX_CLEAR_POINTS = 200
+_MAX_CLEAR_POINTS = 200
 
 
 def plot_prediction(case_fit: CaseFit, narrow: bool = False) -> Figure:
@@ -65,10 +65,10 @@ def plot_prediction(case_fit: CaseFit, narrow: bool = False) -> Figure:
             panel.set(
                 xlabel=row_layout.xlabel,
                 ylabel=f"{channel} [{DISPLAY_UNIT[channel]}]",
-                title=format_misfit_title(case_fit, channel),
+                title=_format_misfit_title(case_fit, channel),
             )
             if channel == "length":
-                add_contraction_axis(panel, case_fit.case)
+                _add_contraction_axis(panel, case_fit.case)
         style = {"ls": "-"} if row_layout.is_connected else {"marker": "x"}
         add_key(
             drawing,
@@ -85,7 +85,7 @@ def plot_prediction(case_fit: CaseFit, narrow: bool = False) -> Figure:
     return drawing
 
 
-def add_contraction_axis(panel: Axes, case: Case) -> None:
+def _add_contraction_axis(panel: Axes, case: Case) -> None:
     """Add an axis of contraction in % to a panel whose vertical axis is the length in mm."""
     rest_length = case.entry.rest_length.value / compute_si_factor(DISPLAY_UNIT["length"])
 
@@ -149,12 +149,12 @@ def create_panels(
 
 def _choose_point_style(measured_rows: np.ndarray) -> dict[str, Any]:
     """Return the style of measured points: large and above the lines if they are few."""
-    is_sparse = measured_rows.sum() <= MAX_CLEAR_POINTS
+    is_sparse = measured_rows.sum() <= _MAX_CLEAR_POINTS
     shape = {"ms": 4, "zorder": 4} if is_sparse else {"ms": 2.3, "alpha": 0.5}
     return {"marker": "o", "ls": "none", "mew": 0, **shape}
 
 
-def format_misfit_title(case_fit: CaseFit, channel: str) -> str:
+def _format_misfit_title(case_fit: CaseFit, channel: str) -> str:
     """Return the title: a channel's RMS error relative to its noise, or to its largest value."""
     noise, rmse_text = case_fit.noise[channel], format_channel_value(case_fit.rmse[channel], channel)
     if not noise.is_known:
@@ -248,11 +248,11 @@ def plot_held_out(case_fit: CaseFit, narrow: bool = False) -> Figure:
     channels = list(case_fit.held_out.rmse)
     block_names = _order_blocks(case_fit)
     with apply_theme():
-        height = 1.4 + 0.16 * min(max(len(block_names), 6), MAX_NAMED_BLOCKS)
+        height = 1.4 + 0.16 * min(max(len(block_names), 6), _MAX_NAMED_BLOCKS)
         drawing, panels = create_panels(len(channels), narrow, height, sharey=True)
         for panel, channel in zip(panels, channels, strict=True):
             _plot_blocks(panel, case_fit, channel, block_names)
-        label_step = math.ceil(len(block_names) / MAX_NAMED_BLOCKS)
+        label_step = math.ceil(len(block_names) / _MAX_NAMED_BLOCKS)
         panels[0].set_yticks(range(0, len(block_names), label_step), block_names[::label_step])
         panels[0].invert_yaxis()
         is_known = [case_fit.noise[channel].is_known for channel in channels]
@@ -294,7 +294,7 @@ def _plot_blocks(panel: Axes, case_fit: CaseFit, channel: str, block_names: list
     panel.set_xlim(0, 1.08 * max_rmse)
     panel.set(
         xlabel=f"RMS error of {channel} [{DISPLAY_UNIT[channel]}]",
-        title=format_generalisation(case_fit, channel),
+        title=_format_generalisation(case_fit, channel),
     )
 
 
@@ -303,7 +303,7 @@ def _compute_rms(misfit: np.ndarray) -> float:
     return float(np.sqrt(np.mean(misfit**2))) if misfit.size else math.nan
 
 
-def format_generalisation(case_fit: CaseFit, channel: str) -> str:
+def _format_generalisation(case_fit: CaseFit, channel: str) -> str:
     """Return the title: the held-out error of a channel relative to its error in the fit."""
     assert case_fit.held_out is not None
     fitted_rmse, held_out_rmse = case_fit.rmse[channel], case_fit.held_out.rmse[channel]
@@ -338,7 +338,7 @@ def plot_prior(fit: Fit, narrow: bool = False) -> Figure | None:
         low, high = panel.get_xlim()
         panel.set_xlim(min(low, -2.5), max(high, 2.5))
         panel.set(xlabel="estimate − prior [sd of the prior]")
-        title = format_sd_reduction(fit)
+        title = _format_sd_reduction(fit)
         # Use the width of the figure, because the panel of a phone is too narrow.
         drawing.suptitle(textwrap.fill(title, 48) if narrow else title, x=0.01, ha="left", fontsize=8)
         handles = [
@@ -374,7 +374,7 @@ def _plot_estimate(panel: Axes, y: int, estimate: Estimate) -> None:
     panel.text(1.01, y, text, transform=panel.get_yaxis_transform(), va="center", fontsize=7)
 
 
-def format_sd_reduction(fit: Fit) -> str:
+def _format_sd_reduction(fit: Fit) -> str:
     """Return the title: how many standard deviations the recording halves, and the largest shift."""
     estimates = select_with_prior(fit)
     determined_count = sum(estimate.is_determined for estimate in estimates.values())
@@ -384,7 +384,7 @@ def format_sd_reduction(fit: Fit) -> str:
         name: (estimate.value - estimate.prior) / estimate.prior_sd for name, estimate in estimates.items()
     }
     most_shifted = max(shifts, key=lambda name: abs(shifts[name]))
-    if abs(shifts[most_shifted]) < MIN_PRIOR_SHIFT:
+    if abs(shifts[most_shifted]) < _MIN_PRIOR_SHIFT:
         return f"{text};\nno estimate differs from its prior"
     return f"{text};\nlargest shift: {most_shifted}, {format_signed(shifts[most_shifted])} sd of its prior"
 

@@ -11,7 +11,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pamjax.fleet.answers import DAYS_PER_YEAR, FleetAnswers, NumberDistribution
+from pamjax.fleet.analysis import DAYS_PER_YEAR, FleetAnswers, NumberDistribution
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frames import list_rows, select_rows
 from pamjax.fleet.frequency import BenchFrequency
@@ -27,17 +27,17 @@ from pamjax.view.theme import (
 )
 
 #: Largest number of specimens in a ridge; of more, the outliers and evenly spaced ranks are drawn.
-MAX_RIDGES = 40
+_MAX_RIDGES = 40
 #: Largest number of cases with a column each in the map of mechanisms; of more, benches are drawn.
-MAX_MAP_CASES = 120
+_MAX_MAP_CASES = 120
 #: Largest number of cases with their names in the map.
-MAX_MAP_NAMES = 40
+_MAX_MAP_NAMES = 40
 #: Height of one ridge, in distances between two of them.
-RIDGE_HEIGHT = 1.7
+_RIDGE_HEIGHT = 1.7
 #: Largest number of characters of a name.
-MAX_NAME_LENGTH = 22
+_MAX_NAME_LENGTH = 22
 #: Limits of a control chart, in sd.
-CONTROL_SD = 3.0
+_CONTROL_SD = 3.0
 
 _BENCH_COLOURS = ("blue", "orange", "green", "purple", "sky", "black")
 
@@ -57,7 +57,7 @@ def plot_ridge(distribution: NumberDistribution, narrow: bool = False) -> Figure
             _draw_ridge(panel, x, float(pooled.estimate[k]), float(pooled.sd[k]), row + 1, colour)
         spread = float(np.hypot(pooled.between_sd, pooled.mean_sd))
         _draw_ridge(panel, x, pooled.mean, spread, 0, OKABE_ITO["black"])
-        names = ["all specimens", *(shorten_name(distribution.estimates.names[k]) for k in shown)]
+        names = ["all specimens", *(_shorten_name(distribution.estimates.names[k]) for k in shown)]
         panel.set_yticks(range(len(names)), names)
         panel.tick_params(axis="y", length=0)
         panel.set_xlabel(_label_axis(distribution))
@@ -67,7 +67,7 @@ def plot_ridge(distribution: NumberDistribution, narrow: bool = False) -> Figure
 
 
 def _draw_ridge(panel: Axes, x: np.ndarray, mean: float, sd: float, row: int, colour: str) -> None:
-    height = RIDGE_HEIGHT * np.exp(-0.5 * ((x - mean) / sd) ** 2)
+    height = _RIDGE_HEIGHT * np.exp(-0.5 * ((x - mean) / sd) ** 2)
     visible = height > 1e-3
     order = -row  # lower rows are in front
     panel.fill_between(x[visible], row, row + height[visible], color=colour, alpha=0.35, lw=0, zorder=order)
@@ -76,14 +76,14 @@ def _draw_ridge(panel: Axes, x: np.ndarray, mean: float, sd: float, row: int, co
 
 
 def select_ridges(estimate: np.ndarray, outliers: np.ndarray) -> np.ndarray:
-    """Return the indices of at most `MAX_RIDGES` specimens in the order of their estimates."""
+    """Return the indices of at most `_MAX_RIDGES` specimens in the order of their estimates."""
     order = np.argsort(estimate, kind="stable")
-    if len(order) <= MAX_RIDGES:
+    if len(order) <= _MAX_RIDGES:
         return order
-    wanted = set(np.flatnonzero(outliers)[:MAX_RIDGES].tolist())
-    regular = order[np.linspace(0, len(order) - 1, MAX_RIDGES).round().astype(int)]
+    wanted = set(np.flatnonzero(outliers)[:_MAX_RIDGES].tolist())
+    regular = order[np.linspace(0, len(order) - 1, _MAX_RIDGES).round().astype(int)]
     for k in regular:
-        if len(wanted) < MAX_RIDGES:
+        if len(wanted) < _MAX_RIDGES:
             wanted.add(int(k))
     return np.array([k for k in order if int(k) in wanted])
 
@@ -94,7 +94,7 @@ def plot_mechanism_map(fleet: Fleet, answers: FleetAnswers, narrow: bool = False
     names = list(dict.fromkeys(frequency.id for frequency in answers.mechanisms))
     if diagnosed.empty or not (names or answers.unexplained.count):
         return None
-    if len(diagnosed) > MAX_MAP_CASES:
+    if len(diagnosed) > _MAX_MAP_CASES:
         return _plot_frequency_map(answers, narrow)
     cases = diagnosed.sort_values(["bench", "date", "case"], na_position="last")
     shares = np.zeros((len(names) + 1, len(cases)))
@@ -109,7 +109,7 @@ def plot_mechanism_map(fleet: Fleet, answers: FleetAnswers, narrow: bool = False
 
 def _draw_map(shares: np.ndarray, rows: list[str], cases: pd.DataFrame, title: str, narrow: bool) -> Figure:
     with apply_theme():
-        named = len(cases) <= MAX_MAP_NAMES
+        named = len(cases) <= _MAX_MAP_NAMES
         height = 1.3 + 0.2 * len(rows) + (0.7 if named else 0.0)
         drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, height)
         panel = drawing.subplots()
@@ -118,7 +118,7 @@ def _draw_map(shares: np.ndarray, rows: list[str], cases: pd.DataFrame, title: s
         panel.set_yticks(np.arange(len(rows)) + 0.5, rows)
         panel.invert_yaxis()
         if named:
-            labels = [shorten_name(str(case)) for case in cases["case"]]
+            labels = [_shorten_name(str(case)) for case in cases["case"]]
             panel.set_xticks(np.arange(len(cases)) + 0.5, labels, rotation=90)
         else:
             panel.set_xlabel(f"{len(cases)} recordings, by bench and date")
@@ -136,7 +136,7 @@ def _mark_benches(panel: Axes, benches: list[str | None]) -> None:
         if start:
             panel.axvline(start, color=OKABE_ITO["black"], lw=0.8)
         if benches[start] is not None:
-            name = shorten_name(str(benches[start]))
+            name = _shorten_name(str(benches[start]))
             panel.annotate(
                 name, ((start + end) / 2, 1.0), (0, 3), ("data", "axes fraction"), "offset points",
                 ha="center", fontsize=7,
@@ -167,7 +167,7 @@ def plot_control_chart(distribution: NumberDistribution, narrow: bool = False) -
     """Return a number against date or serial number, with its mean and limits of three sd."""
     pooled = distribution.pooled
     x = _locate_specimens(distribution)
-    limit = CONTROL_SD * np.sqrt(pooled.between_sd**2 + pooled.sd**2)
+    limit = _CONTROL_SD * np.sqrt(pooled.between_sd**2 + pooled.sd**2)
     order = np.argsort(x, kind="stable")
     with apply_theme():
         drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 2.8)
@@ -211,7 +211,7 @@ def _draw_specimens(panel: Axes, distribution: NumberDistribution, x: np.ndarray
         members = np.array([not is_split or bench == name for bench in benches])
         style = {"fmt": "o", "ms": 3, "lw": 0.7, "color": OKABE_ITO[colour]}
         panel.errorbar(x[members], pooled.estimate[members], pooled.sd[members], **style)
-        text = f"bench {shorten_name(name)}" if name else "no or several benches"
+        text = f"bench {_shorten_name(name)}" if name else "no or several benches"
         handles.append(create_mark(text if is_split else "specimens", marker="o", color=OKABE_ITO[colour]))
     if pooled.outliers.any():
         style = {"marker": "o", "ms": 8, "mfc": "none", "ls": "", "color": OKABE_ITO["vermilion"]}
@@ -220,9 +220,9 @@ def _draw_specimens(panel: Axes, distribution: NumberDistribution, x: np.ndarray
     return handles
 
 
-def shorten_name(name: str) -> str:
+def _shorten_name(name: str) -> str:
     """Return the end of a name for an axis."""
-    return name if len(name) <= MAX_NAME_LENGTH else f"…{name[1 - MAX_NAME_LENGTH :]}"
+    return name if len(name) <= _MAX_NAME_LENGTH else f"…{name[1 - _MAX_NAME_LENGTH :]}"
 
 
 def _label_axis(distribution: NumberDistribution) -> str:

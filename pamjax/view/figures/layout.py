@@ -24,11 +24,11 @@ from pamjax.view.theme import (
 )
 
 #: Largest number of lengths with different hues; more lengths have shades of one hue.
-MAX_LENGTH_COLOURS = 7
+_MAX_LENGTH_COLOURS = 7
 #: Cells of a panel along x and y. One point per cell is drawn.
 GRID_CELLS = (160, 100)
 #: Largest number of points of a model's line in a group.
-MAX_LINE_POINTS = 400
+_MAX_LINE_POINTS = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ def _choose_colours(count: int, isobars: tuple[float, ...]) -> tuple[ColorType, 
     if len(isobars) > 1:
         colours, norm = build_pressure_colours(isobars)
         return tuple(colours(norm(level)) for level in isobars)
-    if count > MAX_LENGTH_COLOURS:
+    if count > _MAX_LENGTH_COLOURS:
         return tuple(map(tuple, build_shades(count)))
     kinds = ("blue", "orange", "green", "purple", "sky", "vermilion", "black")
     return tuple(OKABE_ITO[name] for name in kinds[:count])
@@ -162,7 +162,7 @@ def iterate_lines(case: Case, layout: Layout, group: int, measured_rows: np.ndar
     if recording.time is None:
         yield rows[np.argsort(layout.x[rows], kind="stable")]
         return
-    step = max(1, rows.size // MAX_LINE_POINTS)
+    step = max(1, rows.size // _MAX_LINE_POINTS)
     run = np.cumsum(recording.is_run_start)[rows]
     for run_number in np.unique(run):
         yield rows[run == run_number][::step]

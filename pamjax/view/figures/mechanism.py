@@ -37,14 +37,14 @@ from pamjax.view.theme import (
 )
 
 #: Largest change, and largest loop width, that counts as negligible, N and mm.
-NEGLIGIBLE_CHANGE = {"force": 0.05, "diameter": 2e-3}
+_NEGLIGIBLE_CHANGE = {"force": 0.05, "diameter": 2e-3}
 #: Share of the negligible change that is still visible in a panel.
-VISIBLE_SHARE = 0.05
+_VISIBLE_SHARE = 0.05
 
-CHANNEL_SCALES = {"force": 1.0, "diameter": 1e-3}
+_CHANNEL_SCALES = {"force": 1.0, "diameter": 1e-3}
 
 #: Colours of the fixed lengths. Pressures have shades of one colour map.
-LENGTH_COLOURS = tuple(OKABE_ITO[name] for name in ("blue", "orange", "purple"))
+_LENGTH_COLOURS = tuple(OKABE_ITO[name] for name in ("blue", "orange", "purple"))
 
 
 def plot_mechanism(kind: type[AbstractMechanism]) -> Figure:
@@ -74,7 +74,7 @@ def _build_key(colours: Sequence[ColorType]) -> list[Line2D]:
     ]
     lengths = [
         (f"contraction {contraction:.0%}, in (d)", colour)
-        for contraction, colour in zip(DEMO_CONTRACTIONS, LENGTH_COLOURS, strict=True)
+        for contraction, colour in zip(DEMO_CONTRACTIONS, _LENGTH_COLOURS, strict=True)
     ]
     line_styles = {
         "shortening or filling": "--",
@@ -95,7 +95,7 @@ def _format_demo_values(kind: type[AbstractMechanism]) -> str:
 
 
 def _compute_change(run: DemoRun, channel: str) -> np.ndarray:
-    return (getattr(run, channel) - getattr(run, f"bare_{channel}")) / CHANNEL_SCALES[channel]
+    return (getattr(run, channel) - getattr(run, f"bare_{channel}")) / _CHANNEL_SCALES[channel]
 
 
 def _plot_strokes(
@@ -129,14 +129,16 @@ def _plot_force(panel: Axes, strokes: Sequence[DemoRun], colours: Sequence[Color
     max_change = max(np.nanmax(np.abs(_compute_change(run, "force"))) for run in strokes)
     share = max_change / max(np.nanmax(np.abs(run.bare_force)) for run in strokes)
     change_text = (
-        f"change up to {share:.1%} of its maximum" if max_change > NEGLIGIBLE_CHANGE["force"] else "no change"
+        f"change up to {share:.1%} of its maximum"
+        if max_change > _NEGLIGIBLE_CHANGE["force"]
+        else "no change"
     )
     panel.set(xlabel="length [mm]", ylabel="force [N]", title=f"force: {change_text}")
 
 
 def _plot_ramps(panel: Axes, ramps: Sequence[DemoRun]) -> None:
     changes = [_compute_change(run, "force") for run in ramps]
-    for run, change, colour in zip(ramps, changes, LENGTH_COLOURS, strict=True):
+    for run, change, colour in zip(ramps, changes, _LENGTH_COLOURS, strict=True):
         # Filling has the line style of shortening, because filling contracts a muscle.
         _plot_path(panel, run.pressure / 1e3, change, ~run.rising, colour)
     panel.set(
@@ -176,24 +178,24 @@ def _format_change_range(changes: Sequence[np.ndarray], channel: str) -> str:
     """Return the range of the change and the widest loop as text."""
     low, high = min(np.nanmin(change) for change in changes), max(np.nanmax(change) for change in changes)
     max_change = max(abs(low), abs(high))
-    if max_change < NEGLIGIBLE_CHANGE[channel]:
+    if max_change < _NEGLIGIBLE_CHANGE[channel]:
         return (
-            f"less than {NEGLIGIBLE_CHANGE[channel]:g} {DISPLAY_UNIT[channel]}"
-            if max_change > VISIBLE_SHARE * NEGLIGIBLE_CHANGE[channel]
+            f"less than {_NEGLIGIBLE_CHANGE[channel]:g} {DISPLAY_UNIT[channel]}"
+            if max_change > _VISIBLE_SHARE * _NEGLIGIBLE_CHANGE[channel]
             else "no change"
         )
     range_text = f"{_format_change(low, channel)} to {_format_change(high, channel)}"
-    if high - low < NEGLIGIBLE_CHANGE[channel]:
+    if high - low < _NEGLIGIBLE_CHANGE[channel]:
         range_text = _format_change(high, channel)
     first_width, last_width = (
         max(_compute_loop_width(change, cycle) for change in changes) for cycle in (0, DEMO_CYCLES - 1)
     )
-    if max(first_width, last_width) < NEGLIGIBLE_CHANGE[channel]:
+    if max(first_width, last_width) < _NEGLIGIBLE_CHANGE[channel]:
         return f"{range_text} {DISPLAY_UNIT[channel]}"
     # A loop of the first cycle only, such as the first stretch of rubber, is not a repeated loop.
     loop_text = (
         f"loop {_format_change(last_width, channel)}"
-        if last_width > NEGLIGIBLE_CHANGE[channel]
+        if last_width > _NEGLIGIBLE_CHANGE[channel]
         else f"first loop {_format_change(first_width, channel)}"
     )
     return f"{range_text} {DISPLAY_UNIT[channel]}, {loop_text.replace('+', '')}"
@@ -201,7 +203,7 @@ def _format_change_range(changes: Sequence[np.ndarray], channel: str) -> str:
 
 def _format_change(value: float, channel: str) -> str:
     """Return a value with two digits and a sign, without exponent."""
-    if abs(value) < NEGLIGIBLE_CHANGE[channel]:
+    if abs(value) < _NEGLIGIBLE_CHANGE[channel]:
         return "0"
     digits = max(0, 1 - math.floor(math.log10(abs(value))))
     return f"{value:+.{digits}f}".replace("-", "\N{MINUS SIGN}")
@@ -222,7 +224,7 @@ def _set_vertical_range(panel: Axes, channel: str) -> None:
     """Draw the zero line, and set a minimum range, so that negligible changes are not magnified."""
     panel.axhline(0.0, color=REFERENCE_COLOUR, lw=0.5, zorder=0)
     low, high = panel.get_ylim()
-    min_range = 10 * NEGLIGIBLE_CHANGE[channel]
+    min_range = 10 * _NEGLIGIBLE_CHANGE[channel]
     if high - low < min_range:
         middle = 0.5 * (low + high)
         panel.set_ylim(middle - min_range / 2, middle + min_range / 2)

@@ -1,6 +1,6 @@
 """Simulated trial of one mechanism: the article's muscle with and without it.
 
-The muscle of Chambers & Wereley (Actuators 2022, 11, 219) with threads of 80 GPa makes strokes at three
+The muscle of Chambers & Wereley (Actuators 2022, 11, 219) has threads of 80 GPa. It makes strokes at three
 pressures, and is filled and vented at three lengths. The bench contains every mechanism of the library, all
 but one at their neutral values, so that all figures share one compiled program. A textbook form outside the
 library has a separate bench.
@@ -24,7 +24,7 @@ from pamjax.model.registry import MECHANISMS
 from pamjax.parameter import list_field_meanings, list_meanings, replace_values
 
 #: Thread length, m, turns, length at rest, m, and compliance of the threads, 1/N, of the article's muscle.
-DEMO_THREAD_LENGTH, DEMO_TURNS, DEMO_REST_LENGTH, DEMO_COMPLIANCE = (
+DEMO_THREAD_LENGTH, DEMO_TURNS, DEMO_REST_LENGTH, _DEMO_COMPLIANCE = (
     0.251206,
     1.09,
     0.235744,
@@ -32,15 +32,15 @@ DEMO_THREAD_LENGTH, DEMO_TURNS, DEMO_REST_LENGTH, DEMO_COMPLIANCE = (
 )
 
 #: Strokes: pressures, Pa, and contraction. Ramps: contractions, and highest pressure, Pa.
-DEMO_PRESSURES, DEMO_STROKE = (150e3, 350e3, 690e3), 0.25
-DEMO_CONTRACTIONS, DEMO_MAX_PRESSURE = (0.0, 0.1, 0.2), 690e3
+DEMO_PRESSURES, _DEMO_STROKE = (150e3, 350e3, 690e3), 0.25
+DEMO_CONTRACTIONS, _DEMO_MAX_PRESSURE = (0.0, 0.1, 0.2), 690e3
 
 #: Samples of a half-cycle, sampling interval, s, and cycles of a run. The stroke speed is 1.2 mm/s.
-HALF_CYCLE_SAMPLES, DEMO_TIME_STEP, DEMO_CYCLES = 100, 0.5, 2
+HALF_CYCLE_SAMPLES, _DEMO_TIME_STEP, DEMO_CYCLES = 100, 0.5, 2
 
 #: Parameters of each mechanism in its figure, SI: typical values of a muscle of 25 mm.
-DEMO_VALUES: dict[str, dict[str, float]] = {
-    "braid_elasticity": {"compliance": DEMO_COMPLIANCE},
+_DEMO_VALUES: dict[str, dict[str, float]] = {
+    "braid_elasticity": {"compliance": _DEMO_COMPLIANCE},
     "thread_crimp": {"crimp": 2e-3, "load": 1000.0},
     "thread_slip": {"bedding": 1e-3, "load": 1500.0},
     "bladder_elasticity": {"modulus": 0.4e6},
@@ -87,9 +87,9 @@ class DemoRun:
 
 
 def choose_demo_values(kind: type[AbstractMechanism]) -> dict[str, float]:
-    """Return a mechanism's parameters: those of `DEMO_VALUES`, else 5 % from neutral to the upper limit."""
-    if kind.id in DEMO_VALUES:
-        return DEMO_VALUES[kind.id]
+    """Return a mechanism's parameters: those of `_DEMO_VALUES`, else 5 % from neutral to the upper limit."""
+    if kind.id in _DEMO_VALUES:
+        return _DEMO_VALUES[kind.id]
     meanings = list_field_meanings(kind).items()
     return {
         name: meaning.neutral + 0.05 * (meaning.high - meaning.neutral)
@@ -102,7 +102,7 @@ def simulate_demo(kind: type[AbstractMechanism]) -> tuple[list[DemoRun], list[De
     """Return strokes at each of `DEMO_PRESSURES`, and ramps at each of `DEMO_CONTRACTIONS`."""
     pressure, length, _ = _build_schedule()
     demo_values = {f"{kind.id}.{name}": value for name, value in choose_demo_values(kind).items()}
-    thread_values = {} if kind is BraidElasticity else {f"{BraidElasticity.id}.compliance": DEMO_COMPLIANCE}
+    thread_values = {} if kind is BraidElasticity else {f"{BraidElasticity.id}.compliance": _DEMO_COMPLIANCE}
     (force, diameter), without_mechanism = (
         _simulate_bench(kind, thread_values | demo_values),
         _simulate_bench(kind, thread_values),
@@ -123,16 +123,16 @@ def _count_runs() -> int:
 def _build_schedule() -> tuple[np.ndarray, np.ndarray, History]:
     ramp = np.linspace(0, 1, HALF_CYCLE_SAMPLES, endpoint=False)
     wave = np.tile(np.r_[ramp, 1 - ramp], DEMO_CYCLES)
-    strokes = [(np.full(wave.size, p), DEMO_REST_LENGTH * (1 - DEMO_STROKE * wave)) for p in DEMO_PRESSURES]
+    strokes = [(np.full(wave.size, p), DEMO_REST_LENGTH * (1 - _DEMO_STROKE * wave)) for p in DEMO_PRESSURES]
     ramps = [
-        (DEMO_MAX_PRESSURE * wave, np.full(wave.size, DEMO_REST_LENGTH * (1 - c))) for c in DEMO_CONTRACTIONS
+        (_DEMO_MAX_PRESSURE * wave, np.full(wave.size, DEMO_REST_LENGTH * (1 - c))) for c in DEMO_CONTRACTIONS
     ]
     pressure, length = (np.concatenate(parts) for parts in zip(*strokes, *ramps, strict=True))
     starts = np.arange(pressure.size) % wave.size == 0
     return (
         pressure,
         length,
-        build_time_history(DEMO_TIME_STEP * np.arange(pressure.size), starts, restart=True),
+        build_time_history(_DEMO_TIME_STEP * np.arange(pressure.size), starts, restart=True),
     )
 
 

@@ -22,15 +22,15 @@ from pamjax.records.levels import assign_levels, find_levels
 from pamjax.view.theme import DOUBLE_COLUMN, SINGLE_COLUMN, apply_theme, create_figure
 
 #: Number of cells along an axis without settings, and largest number of settings with a cell each.
-AXIS_CELLS, MAX_SETTINGS = 18, 24
+_AXIS_CELLS, _MAX_SETTINGS = 18, 24
 #: Smallest share of rows at settings for which the cells are the settings.
-MIN_SHARE_ON_SETTINGS = 0.8
+_MIN_SHARE_ON_SETTINGS = 0.8
 #: Smallest share of moving rows for which each direction has a panel.
-MIN_MOVING_SHARE = 0.5
+_MIN_MOVING_SHARE = 0.5
 #: Smallest range of an axis that is drawn, in its display unit.
-MIN_AXIS_RANGE = {"contraction [%]": 0.2, "pressure [kPa]": 1.0, "time [s]": 0.0, "row": 0.0}
+_MIN_AXIS_RANGE = {"contraction [%]": 0.2, "pressure [kPa]": 1.0, "time [s]": 0.0, "row": 0.0}
 #: Quantile of the cells' absolute values at the end of the colour scale; larger values are clipped.
-COLOUR_QUANTILE = 0.98
+_COLOUR_QUANTILE = 0.98
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class MapAxis:
         return float(self.edges[first - 1]), float(self.edges[last])
 
 
-def compute_standard_residual(problem: LibraryProblem, candidate_fit: CandidateFit) -> np.ndarray:
+def _compute_standard_residual(problem: LibraryProblem, candidate_fit: CandidateFit) -> np.ndarray:
     """Return measured − model in standard deviations of the noise, (2, n); NaN without a measurement."""
     misfit = problem.measured - problem.predict(candidate_fit.estimate.values)
     sd = [
@@ -72,7 +72,7 @@ def find_main_channel(diagnosis: Diagnosis) -> int:
     """Return the channel of the first box, else the channel with the largest misfit."""
     if diagnosis.is_detected and diagnosis.mismatch_boxes:
         return diagnosis.problem.channels.index(diagnosis.mismatch_boxes[0].channel)
-    square = compute_standard_residual(diagnosis.problem, diagnosis.baseline) ** 2
+    square = _compute_standard_residual(diagnosis.problem, diagnosis.baseline) ** 2
     mean_squares = [
         np.nanmean(channel_square) if np.isfinite(channel_square).any() else -1.0 for channel_square in square
     ]
@@ -100,7 +100,7 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
         build_axes(diagnosis.problem),
         find_main_channel(diagnosis) if channel is None else channel,
     )
-    residual = compute_standard_residual(diagnosis.problem, diagnosis.baseline)[channel_index]
+    residual = _compute_standard_residual(diagnosis.problem, diagnosis.baseline)[channel_index]
     x, y = _select_axes(diagnosis.problem, coordinates)
     panel_parts = list(_list_directions(coordinates, np.isfinite(residual)))
     boxes = [
@@ -109,7 +109,7 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
         if diagnosis.is_detected and box.channel == diagnosis.problem.channels[channel_index]
     ]
     cells = [_compute_cell_means(x, y, np.where(rows, residual, np.nan)) for _, _, rows in panel_parts]
-    colour_limit = max(2.0, float(np.nanquantile(np.abs(np.stack(cells)), COLOUR_QUANTILE)))
+    colour_limit = max(2.0, float(np.nanquantile(np.abs(np.stack(cells)), _COLOUR_QUANTILE)))
     is_stacked = narrow and len(panel_parts) > 1
     with apply_theme():
         drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 5.4 if is_stacked else 3.1)
@@ -132,7 +132,7 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
         bar.outline.set_visible(False)
         drawing.suptitle(
             textwrap.fill(
-                format_location(diagnosis, diagnosis.problem.channels[channel_index]), 48 if narrow else 104
+                _format_location(diagnosis, diagnosis.problem.channels[channel_index]), 48 if narrow else 104
             ),
             x=0.01,
             ha="left",
@@ -140,7 +140,7 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
     return drawing
 
 
-def format_location(diagnosis: Diagnosis, channel: str) -> str:
+def _format_location(diagnosis: Diagnosis, channel: str) -> str:
     """Return the location of a channel's misfit in one sentence."""
     if not diagnosis.is_detected:
         return "No part of the recording differs from the baseline by more than the noise explains"
@@ -156,7 +156,7 @@ def _list_directions(
     coordinates: RecordingAxes, is_measured: np.ndarray
 ) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:
     """Yield the title, the directions of boxes and the (n,) mask of rows of each panel."""
-    if np.mean(coordinates.direction[is_measured] != STILL) < MIN_MOVING_SHARE:
+    if np.mean(coordinates.direction[is_measured] != STILL) < _MIN_MOVING_SHARE:
         yield "", ("both", "shortening", "lengthening"), is_measured
         return
     for name, direction in (("shortening", SHORTENING), ("lengthening", LENGTHENING)):
@@ -179,7 +179,7 @@ def _select_axes(problem: LibraryProblem, coordinates: RecordingAxes) -> tuple[M
     varying = [
         axis
         for axis in all_axes
-        if np.nanmax(axis.values) - np.nanmin(axis.values) > MIN_AXIS_RANGE[axis.label]
+        if np.nanmax(axis.values) - np.nanmin(axis.values) > _MIN_AXIS_RANGE[axis.label]
     ]
     first, second = (varying + [axis for axis in all_axes if axis not in varying])[:2]
     return (second, first) if first.field == "pressure" else (first, second)
@@ -189,15 +189,15 @@ def _build_axis(label: str, field: str, scale: float, values: np.ndarray, levels
     values = scale * values
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     if (
-        1 < len(levels) <= MAX_SETTINGS
-        and np.mean(assign_levels(values, levels) >= 0) > MIN_SHARE_ON_SETTINGS
+        1 < len(levels) <= _MAX_SETTINGS
+        and np.mean(assign_levels(values, levels) >= 0) > _MIN_SHARE_ON_SETTINGS
     ):
         middle = (levels[1:] + levels[:-1]) / 2
         outer_edges = [2 * levels[0] - middle[0], 2 * levels[-1] - middle[-1]]
         return MapAxis(label, field, scale, values, np.array([outer_edges[0], *middle, outer_edges[1]]))
     if not high > low:
         low, high = low - 0.5, high + 0.5
-    return MapAxis(label, field, scale, values, np.linspace(low, high, AXIS_CELLS + 1))
+    return MapAxis(label, field, scale, values, np.linspace(low, high, _AXIS_CELLS + 1))
 
 
 def _compute_cell_means(x: MapAxis, y: MapAxis, residual: np.ndarray) -> np.ndarray:

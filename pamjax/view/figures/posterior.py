@@ -45,7 +45,7 @@ from pamjax.view.wording import format_signed
 #: Parameters in the corner plot of a phone: the most correlated ones.
 MAX_NARROW_PANELS = 4
 #: Number of draws that are shown as points.
-SHOWN_DRAWS = 2000
+_SHOWN_DRAWS = 2000
 
 
 def _select_most_correlated(post: Posterior, indices: list[int]) -> list[int]:
@@ -61,7 +61,7 @@ def plot_corner(post: Posterior, narrow: bool = False) -> Figure:
 
     A narrow figure has the most correlated parameters only.
     """
-    all_indices, draws = select_parameters(post), post.thin_draws(SHOWN_DRAWS)
+    all_indices, draws = select_parameters(post), post.thin_draws(_SHOWN_DRAWS)
     indices = _select_most_correlated(post, all_indices) if narrow else all_indices
     count = len(indices)
     with apply_theme():
@@ -145,8 +145,8 @@ def find_ridges(post: Posterior) -> list[tuple[int, int]]:
 def plot_ridges(post: Posterior, narrow: bool = False) -> Figure:
     """Return prior and posterior draws of each pair that is determined only in combination."""
     pairs = find_ridges(post)
-    prior_samples = sample_prior(post.density, SHOWN_DRAWS, post.seed)
-    posterior_samples = post.thin_draws(SHOWN_DRAWS)
+    prior_samples = sample_prior(post.density, _SHOWN_DRAWS, post.seed)
+    posterior_samples = post.thin_draws(_SHOWN_DRAWS)
     columns = 1 if narrow else min(2, len(pairs))
     rows = math.ceil(len(pairs) / columns)
     with apply_theme():
@@ -229,7 +229,7 @@ def _plot_marginal(panel: Axes, prior_samples: np.ndarray, posterior_samples: np
 
 
 #: Figures that not every posterior has.
-OPTIONAL_FIGURES = ("profile.png", "ridge.png")
+_OPTIONAL_FIGURES = ("profile.png", "ridge.png")
 
 
 def save_posterior_figures(post: Posterior, folder: Path) -> list[Path]:
@@ -248,5 +248,5 @@ def save_posterior_figures(post: Posterior, folder: Path) -> list[Path]:
 
 def remove_stale_figures(folder: Path, written: Iterable[Path]) -> None:
     """Remove figures of an earlier posterior that the posterior of some written figures does not have."""
-    for name in set(OPTIONAL_FIGURES) - {path.name for path in written}:
+    for name in set(_OPTIONAL_FIGURES) - {path.name for path in written}:
         (folder / name).unlink(missing_ok=True)

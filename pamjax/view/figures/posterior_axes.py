@@ -11,14 +11,14 @@ from pamjax.view.theme import OKABE_ITO
 
 POSTERIOR_COLOUR = OKABE_ITO["blue"]
 #: Largest number of parameters in a figure. With more, the noise parameters are left out first.
-MAX_PANELS = 9
+_MAX_PANELS = 9
 
 
 def select_parameters(post: Posterior) -> list[int]:
     """Return indices of the shown parameters: the muscle's, and the noise's if there is room for all."""
     parameters = [k for k, name in enumerate(post.names) if not is_length_error(name)]
     muscle_parameters = [k for k in parameters if post.names[k] in post.fit.estimates]
-    return parameters if len(parameters) <= MAX_PANELS else muscle_parameters[:MAX_PANELS]
+    return parameters if len(parameters) <= _MAX_PANELS else muscle_parameters[:_MAX_PANELS]
 
 
 def format_axis_label(post: Posterior, k: int) -> str:

@@ -34,9 +34,9 @@ from pamjax.view.figures.posterior_axes import (
 from pamjax.view.theme import DOUBLE_COLUMN, REFERENCE_COLOUR, SINGLE_COLUMN, apply_theme, create_figure
 
 #: Largest number of chains in a trace plot.
-TRACED_CHAINS = 8
+_TRACED_CHAINS = 8
 #: Number of draws from which a prediction band is computed.
-BAND_DRAWS = 100
+_BAND_DRAWS = 100
 
 
 def plot_profiles(post: Posterior, narrow: bool = False) -> Figure:
@@ -70,7 +70,7 @@ def plot_profiles(post: Posterior, narrow: bool = False) -> Figure:
 
 
 def plot_traces(post: Posterior, narrow: bool = False) -> Figure:
-    """Return traces of up to `TRACED_CHAINS` chains for every parameter.
+    """Return traces of up to `_TRACED_CHAINS` chains for every parameter.
 
     A narrow figure has its labels above the panels.
     """
@@ -83,7 +83,7 @@ def plot_traces(post: Posterior, narrow: bool = False) -> Figure:
         )
         panels = drawing.subplots(len(indices), 1, sharex=True, squeeze=False)[:, 0]
         for panel, k in zip(panels, indices, strict=True):
-            for chain in range(min(chains, TRACED_CHAINS)):
+            for chain in range(min(chains, _TRACED_CHAINS)):
                 trace = convert_to_unit(post, post.draws[::stride, chain], k)
                 panel.plot(np.arange(n)[::stride], trace, lw=0.5, alpha=0.7, gid="trace")
             text = f"R-hat {post.convergence.rhat[k]:.3f}, ESS {post.convergence.ess[k]:.0f}"
@@ -108,7 +108,7 @@ def plot_traces(post: Posterior, narrow: bool = False) -> Figure:
 def plot_band(post: Posterior, k: int = 0, narrow: bool = False) -> Figure:
     """Return measured points on the 90 % posterior prediction band, a panel per channel."""
     case_fit = post.fit.cases[k]
-    row_layout, values = build_layout(case_fit.case), post.thin_draws(BAND_DRAWS)
+    row_layout, values = build_layout(case_fit.case), post.thin_draws(_BAND_DRAWS)
     smooth_predictions = predict_channels(post.density, values, k)
     with apply_theme():
         likelihoods = post.density.likelihoods[k]

@@ -38,10 +38,10 @@ LINES = (
 )
 
 #: Pressure and sampling interval of the friction loops, Pa and s.
-LOOP_PRESSURE, LOOP_TIME_STEP = 350e3, 0.5
+_LOOP_PRESSURE, _LOOP_TIME_STEP = 350e3, 0.5
 
 #: Dimensions of the bladder, m.
-TUBE = {"inner_diameter": 19e-3, "thickness": 1.6e-3, "length": DEMO_REST_LENGTH}
+_TUBE = {"inner_diameter": 19e-3, "thickness": 1.6e-3, "length": DEMO_REST_LENGTH}
 
 Curves = dict[str, tuple[np.ndarray, np.ndarray]]
 
@@ -52,11 +52,11 @@ def plot_refinements() -> Figure:
         figure = create_figure(DOUBLE_COLUMN, 5.0)
         panels = list(figure.subplots(2, 3).flat)
         _plot_curves(panels[0], "force_drift", compute_drifts(), "time [min]", "zero [N]")
-        _plot_curves(panels[1], "braid_locking", compute_lockings(), "contraction [%]", "force [N]")
-        _plot_curves(panels[2], "bladder_elasticity", compute_rubbers(), "contraction [%]", "force [N]")
+        _plot_curves(panels[1], "braid_locking", _compute_lockings(), "contraction [%]", "force [N]")
+        _plot_curves(panels[2], "bladder_elasticity", _compute_rubbers(), "contraction [%]", "force [N]")
         _plot_curves(panels[3], "braid_friction", compute_loops(), "contraction [%]", "force [N]")
-        _plot_curves(panels[4], "braid_friction", compute_strengths(), "speed [mm/s]", "strength [1]")
-        _plot_curves(panels[5], "viscoelastic_creep", compute_relaxations(), "time [s]", "stress [1]")
+        _plot_curves(panels[4], "braid_friction", _compute_strengths(), "speed [mm/s]", "strength [1]")
+        _plot_curves(panels[5], "viscoelastic_creep", _compute_relaxations(), "time [s]", "stress [1]")
         for panel in (panels[0], panels[3]):
             # Room for the legend above the curves.
             low, high = panel.get_ylim()
@@ -92,7 +92,7 @@ def compute_drifts() -> Curves:
     }
 
 
-def compute_lockings() -> Curves:
+def _compute_lockings() -> Curves:
     """Return the force of jammed threads near rest length, N, by exponent."""
     return {
         f"exponent {exponent:g}": _compute_force(BraidLocking(0.3e6, 0.2, exponent), 0.15)
@@ -100,10 +100,10 @@ def compute_lockings() -> Curves:
     }
 
 
-def compute_rubbers() -> Curves:
+def _compute_rubbers() -> Curves:
     """Return the force of a latex bladder, N, by stiffening."""
     return {
-        f"stiffening {share:g}": _compute_force(BladderElasticity(0.4e6, **TUBE, stiffening=share), 0.35)
+        f"stiffening {share:g}": _compute_force(BladderElasticity(0.4e6, **_TUBE, stiffening=share), 0.35)
         for share in (0.0, 0.02, 0.05)
     }
 
@@ -123,9 +123,9 @@ def compute_loops() -> Curves:
     loops: Curves = {}
     for name, (friction, pace) in forms.items():
         length = DEMO_REST_LENGTH * (1 - contraction)
-        time = pace * LOOP_TIME_STEP * np.arange(length.size)
+        time = pace * _LOOP_TIME_STEP * np.arange(length.size)
         nothing = jnp.zeros(length.size)
-        past = Past(_build_state(length), nothing + LOOP_PRESSURE, nothing, nothing)
+        past = Past(_build_state(length), nothing + _LOOP_PRESSURE, nothing, nothing)
         strains = jax.vmap(lambda state, pressure, f=friction: f.strains(state, pressure))(
             past.state, past.pressure
         )
@@ -135,7 +135,7 @@ def compute_loops() -> Curves:
     return loops
 
 
-def compute_strengths() -> Curves:
+def _compute_strengths() -> Curves:
     """Return the strength of friction at a speed over that at rest, by weakening."""
     speed = np.geomspace(1e-4, 0.1, 200)
     return {
@@ -147,7 +147,7 @@ def compute_strengths() -> Curves:
     }
 
 
-def compute_relaxations() -> Curves:
+def _compute_relaxations() -> Curves:
     """Return the stress after a step of stretch, over its first value, by spectrum."""
     time = np.geomspace(0.1, 1e4, 300)
     curves: Curves = {}

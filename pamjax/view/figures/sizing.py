@@ -27,25 +27,25 @@ from pamjax.view.theme import (
 )
 
 #: Number of isobars in a chart, and of points along each.
-ISOBAR_COUNT, CONTRACTION_COUNT = 6, 80
+_ISOBAR_COUNT, _CHART_CONTRACTION_COUNT = 6, 80
 #: Largest contraction that is drawn.
-MAX_CHART_CONTRACTION = 0.45
+_MAX_CHART_CONTRACTION = 0.45
 #: Largest number of bars.
-MAX_BARS = 8
+_MAX_BARS = 8
 #: Margins that differ by less than this count as equal.
-MARGIN_TIE = 0.02
+_MARGIN_TIE = 0.02
 
 
 def plot_chart(design: Design, narrow: bool = False) -> Figure:
     """Return force against contraction: isobars, the admissible region, the load and the working points."""
     supply = design.spec.supply
-    levels = np.linspace(supply / ISOBAR_COUNT, supply, ISOBAR_COUNT)
+    levels = np.linspace(supply / _ISOBAR_COUNT, supply, _ISOBAR_COUNT)
     # Smaller steps at small contraction, where the rubber makes the isobars nonlinear.
-    contraction = MAX_CHART_CONTRACTION * np.linspace(0.0, 1.0, CONTRACTION_COUNT) ** 1.5
+    contraction = _MAX_CHART_CONTRACTION * np.linspace(0.0, 1.0, _CHART_CONTRACTION_COUNT) ** 1.5
     grid = np.meshgrid(levels, contraction, indexing="ij")
-    force = design.force(grid[0].ravel(), grid[1].ravel()).reshape(ISOBAR_COUNT, CONTRACTION_COUNT)
+    force = design.force(grid[0].ravel(), grid[1].ravel()).reshape(_ISOBAR_COUNT, _CHART_CONTRACTION_COUNT)
     diameter = design.outer_diameter(grid[0].ravel(), grid[1].ravel()).reshape(
-        ISOBAR_COUNT, CONTRACTION_COUNT
+        _ISOBAR_COUNT, _CHART_CONTRACTION_COUNT
     )
     end_contraction = _find_chart_end(contraction, force[-1])
     with apply_theme():
@@ -58,14 +58,14 @@ def plot_chart(design: Design, narrow: bool = False) -> Figure:
         working_pressure, max_forces = design.numbers["pressure"], [float(np.nanmax(force[-1]))]
         has_working_line = abs(working_pressure / supply - 1) > 0.005
         if has_working_line:
-            working_force = design.force(np.full(CONTRACTION_COUNT, working_pressure), contraction)
+            working_force = design.force(np.full(_CHART_CONTRACTION_COUNT, working_pressure), contraction)
             panel.plot(
                 100 * contraction, working_force, "--", color=OKABE_ITO["black"], lw=0.9, gid="working"
             )
             max_forces.append(float(np.nanmax(working_force)))
         _plot_points(panel, design)
         top_force = 1.08 * max(*max_forces, float(np.nanmax(design.task.loads)))
-        title = format_chart_title(design)
+        title = _format_chart_title(design)
         title = textwrap.fill(title, 46) if narrow else title
         panel.set(
             xlim=(-0.5, 100 * end_contraction), ylim=(0, top_force), xlabel="contraction [%]", title=title
@@ -91,9 +91,9 @@ def _find_chart_end(contraction: np.ndarray, max_force: np.ndarray) -> float:
     """Return a contraction slightly above that of zero force."""
     pulling = np.flatnonzero(np.nan_to_num(max_force) > 0)
     return (
-        float(min(MAX_CHART_CONTRACTION, contraction[pulling[-1]] + 0.03))
+        float(min(_MAX_CHART_CONTRACTION, contraction[pulling[-1]] + 0.03))
         if pulling.size
-        else MAX_CHART_CONTRACTION
+        else _MAX_CHART_CONTRACTION
     )
 
 
@@ -157,13 +157,13 @@ def format_shortfall_title(design: Design) -> str:
     nearly_worst = [
         requirement
         for requirement in design.task.requirements
-        if margins_by_key[requirement.key] < min(margins_by_key.values()) + MARGIN_TIE
+        if margins_by_key[requirement.key] < min(margins_by_key.values()) + _MARGIN_TIE
     ]
     worst = min(nearly_worst, key=lambda requirement: (requirement.unit != "N", not requirement.stated))
     return f"Nearest muscle, “{worst.description}”: {format_shortfall(worst, y)}"
 
 
-def format_chart_title(design: Design) -> str:
+def _format_chart_title(design: Design) -> str:
     """Return the title of the chart: the tightest force requirement."""
     if not design.feasible:
         return format_shortfall_title(design)
@@ -176,13 +176,16 @@ def format_chart_title(design: Design) -> str:
     return f"Smallest force margin: {margin} % {design.task.labels[rows[k]]}"
 
 
-def plot_prices(design: Design, narrow: bool = False) -> Figure | None:
+def plot_sensitivities(design: Design, narrow: bool = False) -> Figure | None:
     """Return the objective's change for 1 % of each requirement or property; None if none is active."""
-    rows = [(price.requirement.description, -price.percent_saved, "requirement") for price in design.prices]
+    rows = [
+        (sensitivity.requirement.description, -sensitivity.percent_saved, "requirement")
+        for sensitivity in design.requirement_sensitivities
+    ]
     rows += [(name, share, "property") for name, share in design.property_sensitivities.items()
              if abs(share) > 1e-3]  # fmt: skip
-    rows = sorted(rows, key=lambda row: -abs(row[1]))[:MAX_BARS]
-    if not design.prices:
+    rows = sorted(rows, key=lambda row: -abs(row[1]))[:_MAX_BARS]
+    if not design.requirement_sensitivities:
         return None
     objective = design.spec.entries.minimise
     colour = {"requirement": OKABE_ITO["blue"], "property": OKABE_ITO["orange"]}
@@ -197,10 +200,10 @@ def plot_prices(design: Design, narrow: bool = False) -> Figure | None:
         panel.invert_yaxis()
         panel.axvline(0, color=REFERENCE_COLOUR, lw=0.6)
         panel.set_xlabel(f"change of {objective} [%]")
-        top_price = design.prices[0]
+        top_sensitivity = design.requirement_sensitivities[0]
         title = (
-            f"Relaxing “{top_price.requirement.description}” by 1 % reduces {objective} by"
-            f" {top_price.percent_saved:.2g} %"
+            f"Relaxing “{top_sensitivity.requirement.description}” by 1 % reduces {objective} by"
+            f" {top_sensitivity.percent_saved:.2g} %"
         )
         drawing.suptitle(textwrap.fill(title, 46) if narrow else title, x=0.01, ha="left", fontsize=8)
         handles = [create_mark("requirement relaxed by 1 %", marker="s", ms=7, color=colour["requirement"])]
@@ -255,7 +258,7 @@ def _format_percent(values: np.ndarray) -> str:
 def save_design_figures(design: Design, folder: Path) -> list[Path]:
     """Write the figures of a design as PNG and return their paths."""
     paths = [save_png(plot_chart(design), folder / "chart")]
-    for name, drawing in (("prices", plot_prices(design)), ("front", plot_front(design))):
+    for name, drawing in (("prices", plot_sensitivities(design)), ("front", plot_front(design))):
         if drawing is not None:
             paths.append(save_png(drawing, folder / name))
     return paths

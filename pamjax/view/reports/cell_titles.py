@@ -13,8 +13,8 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 #: Group id of the meshes that get titles.
-TITLED_GID = "mismatch"
-_GROUP_PATTERN = re.compile(rf'(<g class="{TITLED_GID}">)(.*?)(</g>)', re.DOTALL)
+_TITLED_GID = "mismatch"
+_GROUP_PATTERN = re.compile(rf'(<g class="{_TITLED_GID}">)(.*?)(</g>)', re.DOTALL)
 _PATH_PATTERN = re.compile(r"(<path [^>]*?)/>", re.DOTALL)
 
 
@@ -43,7 +43,7 @@ def add_cell_titles(svg: str, figure: Figure) -> str:
 
 
 def _list_meshes(panel: Axes) -> list[QuadMesh]:
-    return [m for m in panel.collections if isinstance(m, QuadMesh) and m.get_gid() == TITLED_GID]
+    return [m for m in panel.collections if isinstance(m, QuadMesh) and m.get_gid() == _TITLED_GID]
 
 
 def _list_titles(mesh: QuadMesh, panel: Axes) -> Iterator[str]:

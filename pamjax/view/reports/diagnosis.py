@@ -63,10 +63,9 @@ def write_diagnosis_report(
         bars=list_held_out_bars(diagnosis),
         p_value=format_p_value(diagnosis.mismatch.p_value),
         residual_p_value=format_p_value(diagnosis.residual_test.p_value),
-        map=_draw_picture(diagnosis, partial(plot_map, diagnosis, None), "map", has_title=False),
+        map=_draw_picture(partial(plot_map, diagnosis, None), "map", has_title=False),
         other_maps=[
-            _draw_picture(diagnosis, partial(plot_map, diagnosis, c), f"map-{c}")
-            for c in list_other_channels(diagnosis)
+            _draw_picture(partial(plot_map, diagnosis, c), f"map-{c}") for c in list_other_channels(diagnosis)
         ],
         regions=[
             region | {"percent": format_percent(region["share"])} for region in document["mismatch"]["where"]
@@ -77,13 +76,13 @@ def write_diagnosis_report(
         ],
         mechanisms=[_describe_mechanism(diagnosis, k) for k in range(len(diagnosis.named_mechanisms))],
         groups=_list_groups(diagnosis),
-        loops=_draw_picture(diagnosis, partial(plot_loops, diagnosis), "loops"),
-        residuals=_draw_picture(diagnosis, partial(plot_explained_residuals, diagnosis), "residuals"),
-        held_out=_draw_picture(diagnosis, partial(figures.plot_held_out_scores, diagnosis), "held-out"),
+        loops=_draw_picture(partial(plot_loops, diagnosis), "loops"),
+        residuals=_draw_picture(partial(plot_explained_residuals, diagnosis), "residuals"),
+        held_out=_draw_picture(partial(figures.plot_held_out_scores, diagnosis), "held-out"),
         scores=list(_list_scores(diagnosis, document)),
         has_form_errors=diagnosis.form_prediction is not None,
         comparison=_describe_comparison(comparison) if comparison and comparison.splits else None,
-        shift_figure=_draw_picture(diagnosis, partial(figures.plot_shifts, diagnosis), "shifts"),
+        shift_figure=_draw_picture(partial(figures.plot_shifts, diagnosis), "shifts"),
         shifts=list(_list_shifts(diagnosis)),
         ties=any(mechanism.indistinguishable for mechanism in diagnosis.named_mechanisms),
         experiments=[
@@ -103,7 +102,7 @@ def write_diagnosis_report(
     )
 
 
-def _draw_picture(diagnosis: Diagnosis, plot, name: str, has_title: bool = True) -> Picture | None:
+def _draw_picture(plot, name: str, has_title: bool = True) -> Picture | None:
     return build_picture(lambda narrow: plot(narrow=narrow), name, has_title)
 
 
@@ -141,7 +140,7 @@ def _describe_mechanism(diagnosis: Diagnosis, k: int) -> dict[str, Any]:
             for n, v in diagnosis.parameters[mechanism.id].items()
         ],
         "candidates": _draw_picture(
-            diagnosis, partial(figures.plot_candidates, diagnosis, mechanism), f"candidates-{mechanism.id}"
+            partial(figures.plot_candidates, diagnosis, mechanism), f"candidates-{mechanism.id}"
         ),
     }
 

@@ -12,13 +12,13 @@ from pamjax.text import join_words
 from pamjax.view.wording import keep_units_with_numbers
 
 #: A p-value below this limit is shown as an upper bound.
-MIN_SHOWN_P_VALUE = 1e-12
+_MIN_SHOWN_P_VALUE = 1e-12
 #: Probabilities above this limit are shown as "above 0.99".
-MAX_SHOWN_PROBABILITY = 0.995
+_MAX_SHOWN_PROBABILITY = 0.995
 #: Question beside the bars of the held-out errors.
 IMPROVEMENT_QUESTION = "How much better"
 #: Largest number of regions and of estimates on the first screen; the evidence has all of them.
-MAX_SHOWN_REGIONS, MAX_SHOWN_ESTIMATES = 2, 3
+_MAX_SHOWN_REGIONS, _MAX_SHOWN_ESTIMATES = 2, 3
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def _describe_missing(diagnosis: Diagnosis) -> tuple[str, ...]:
         return (f"The {diagnosis.problem.law} baseline explains this recording within its noise.",)
     sentences = []
     for mechanism in diagnosis.named_mechanisms:
-        estimates = list(diagnosis.parameters[mechanism.id].items())[:MAX_SHOWN_ESTIMATES]
+        estimates = list(diagnosis.parameters[mechanism.id].items())[:_MAX_SHOWN_ESTIMATES]
         listed = ", ".join(format_named_estimate(name, estimate) for name, estimate in estimates)
         sentences.append(f"`{mechanism.id}`: {listed}.")
     if diagnosis.unexplained:
@@ -121,7 +121,7 @@ def _describe_probability(mechanism: NamedMechanism, is_named: bool) -> str:
 def _describe_location(diagnosis: Diagnosis) -> tuple[str, ...]:
     if not diagnosis.is_detected:
         return ()
-    boxes = diagnosis.mismatch_boxes[:MAX_SHOWN_REGIONS]
+    boxes = diagnosis.mismatch_boxes[:_MAX_SHOWN_REGIONS]
     if not boxes:
         return ("The misfit has no distinct region.",)
     return tuple(
@@ -188,7 +188,9 @@ def format_p_value(p: float) -> str:
     >>> format_p_value(0.4321).split(), format_p_value(1e-40).split()
     (['p', '=', '0.43'], ['p', '<', '1e-12'])
     """
-    return (f"p < {MIN_SHOWN_P_VALUE:g}" if p < MIN_SHOWN_P_VALUE else f"p = {p:.2g}").replace(" ", "\u00a0")
+    return (f"p < {_MIN_SHOWN_P_VALUE:g}" if p < _MIN_SHOWN_P_VALUE else f"p = {p:.2g}").replace(
+        " ", "\u00a0"
+    )
 
 
 def format_probability(probability: float) -> str:
@@ -198,7 +200,7 @@ def format_probability(probability: float) -> str:
     ('probability 0.98', 'probability above 0.99')
     """
     return (
-        "probability above 0.99" if probability > MAX_SHOWN_PROBABILITY else f"probability {probability:.2f}"
+        "probability above 0.99" if probability > _MAX_SHOWN_PROBABILITY else f"probability {probability:.2f}"
     )
 
 

@@ -26,12 +26,12 @@ from pamjax.view.theme import (
 from pamjax.view.wording import capitalise_sentence
 
 #: Largest number of protocols in the figure.
-MAX_DRAWN_PROTOCOLS = 8
+_MAX_DRAWN_PROTOCOLS = 8
 
 
-def plot_power(discrimination: Discrimination, narrow: bool = False) -> Figure:
+def _plot_power(discrimination: Discrimination, narrow: bool = False) -> Figure:
     """Return a bar chart of the most powerful protocols, with the sufficient power."""
-    rows = discrimination.ranked_experiments[:MAX_DRAWN_PROTOCOLS]
+    rows = discrimination.ranked_experiments[:_MAX_DRAWN_PROTOCOLS]
     labels = [
         "\n".join(textwrap.wrap(_format_protocol(experiment), 26 if narrow else 62)) for experiment in rows
     ]
@@ -89,7 +89,7 @@ def write_discrimination_report(discrimination: Discrimination, path: str | Path
         title=format_headline(discrimination),
         kicker=f"Next experiment for {discrimination.case.name} · {' or '.join(discrimination.ids)}",
         answer=format_answer(discrimination),
-        power=build_picture(partial(plot_power, discrimination), "power"),
+        power=build_picture(partial(_plot_power, discrimination), "power"),
         protocols=[_build_row(experiment) for experiment in discrimination.ranked_experiments],
         alarm=f"{DEFAULT_SETTINGS.false_alarm_rate:.0%}",
         ids=discrimination.ids,
@@ -122,7 +122,10 @@ def format_answer(discrimination: Discrimination) -> tuple[str, str]:
         f" {_format_power(discrimination.chosen_experiment)}."
     )
     if not discrimination.neither_explains:
-        return f"{kind} {protocol_text} {power_text}", f"{capitalise_sentence(discrimination.verdict)}."
+        return (
+            f"{kind} {protocol_text} {power_text}",
+            f"{capitalise_sentence(discrimination.comparison_sentence)}.",
+        )
     summary = discrimination.residual_summary
     return (
         f"{summary[:1].upper()}{summary[1:]}. Until then the test cannot select one of the two.",

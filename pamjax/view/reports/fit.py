@@ -43,7 +43,7 @@ from pamjax.view.wording import (
 #: Largest number of parameters in the summary.
 MAX_NAMED = 3
 #: Largest number of isobars or lengths that the page can show one by one.
-MAX_GROUP_CHOICES = 12
+_MAX_GROUP_CHOICES = 12
 
 
 def write_fit_report(fit: Fit, path: str | Path, command: str = "pamjax fit") -> Path:
@@ -60,7 +60,7 @@ def write_fit_report(fit: Fit, path: str | Path, command: str = "pamjax fit") ->
         "fit.html.jinja",
         title=format_headline(fit),
         kicker=f"Fit of {join_words([case_fit.case.name for case_fit in fit.cases])} · {format_model(fit)}",
-        answer=(format_agreement(fit), format_estimates(estimates)),
+        answer=(format_agreement(fit), _format_estimates(estimates)),
         cases=[_describe_case(fit, case_fit, k) for k, case_fit in enumerate(fit.cases)],
         groups=_list_groups(fit),
         rows=[
@@ -96,7 +96,7 @@ def draw_picture(plot: Any, name: str) -> Picture | None:
 def _list_groups(fit: Fit) -> list[str]:
     """Return the isobars or lengths that the page can show one by one; empty for several cases."""
     names = list(build_layout(fit.cases[0].case).names)
-    return names if len(fit.cases) == 1 and 1 < len(names) <= MAX_GROUP_CHOICES else []
+    return names if len(fit.cases) == 1 and 1 < len(names) <= _MAX_GROUP_CHOICES else []
 
 
 def _find_worst_channel(fit: Fit) -> tuple[CaseFit, str]:
@@ -156,7 +156,7 @@ def _format_with_noise(case_fit: CaseFit, channel: str) -> str:
     )
 
 
-def format_estimates(estimates: dict[str, Estimate]) -> str:
+def _format_estimates(estimates: dict[str, Estimate]) -> str:
     """Return the parameters that the recording determines, that are at a limit, and the others."""
     names_at_limit = [name for name, estimate in estimates.items() if estimate.at_limit]
     names_by_kind: dict[str, list[str]] = {}

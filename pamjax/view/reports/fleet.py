@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from pamjax.fleet.answers import FleetAnswers, NumberDistribution
+from pamjax.fleet.analysis import FleetAnswers, NumberDistribution
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frames import list_rows
 from pamjax.fleet.store import DONE, OPEN
@@ -29,11 +29,11 @@ from pamjax.view.reports.page import Picture, build_picture, write_page
 from pamjax.view.wording import capitalise_sentence
 
 #: Largest number of distributions with figures; the others are in the table.
-MAX_DRAWN_DISTRIBUTIONS = 6
+_MAX_DRAWN_DISTRIBUTIONS = 6
 #: Largest number of findings at the top of the page.
-MAX_TOP_FINDINGS = 3
+_MAX_TOP_FINDINGS = 3
 #: Largest number of cases in the table; of more, those with a finding come first.
-MAX_TABLE_CASES = 1000
+_MAX_TABLE_CASES = 1000
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,8 @@ def write_fleet_report(fleet: Fleet, answers: FleetAnswers, path: Path, command:
         "fleet.html.jinja",
         title=capitalise_sentence(findings[0].rstrip(".")),
         kicker=f"Fleet {fleet.name} · {format_states(fleet)}",
-        answer=findings[1:MAX_TOP_FINDINGS],
-        more=findings[MAX_TOP_FINDINGS:],
+        answer=findings[1:_MAX_TOP_FINDINGS],
+        more=findings[_MAX_TOP_FINDINGS:],
         distributions=_draw_distributions(answers),
         summary=[_build_distribution_row(distribution) for distribution in answers.distributions],
         mechanism_map=build_picture(
@@ -86,7 +86,7 @@ def write_fleet_report(fleet: Fleet, answers: FleetAnswers, path: Path, command:
         ],
         cases=_build_case_rows(fleet, answers),
         dash_note=_format_dash_note(fleet),
-        hidden_cases=max(len(fleet.cases) - MAX_TABLE_CASES, 0),
+        hidden_cases=max(len(fleet.cases) - _MAX_TABLE_CASES, 0),
         failed=[LinkedRow(row["case"], "", [row["state"], row["reason"]]) for row in failed],
         inputs=_describe_settings(fleet),
         command=command,
@@ -95,7 +95,7 @@ def write_fleet_report(fleet: Fleet, answers: FleetAnswers, path: Path, command:
 
 def _draw_distributions(answers: FleetAnswers) -> list[dict[str, Any]]:
     """Return the figures of the distributions with findings first."""
-    ranked = sorted(answers.distributions, key=lambda d: -_count_findings(d))[:MAX_DRAWN_DISTRIBUTIONS]
+    ranked = sorted(answers.distributions, key=lambda d: -_count_findings(d))[:_MAX_DRAWN_DISTRIBUTIONS]
     return [
         {
             "name": name_distribution(distribution),
@@ -121,8 +121,10 @@ def _format_ridge_caption(distribution: NumberDistribution) -> str:
     text = "Each curve: one specimen with its own uncertainty. Lowest curve: the distribution over specimens."
     if distribution.shares_prior:
         text += " A prior that several specimens share is taken out."
-    if distribution.left_out:
-        text += f" {format_count(distribution.left_out, 'recording')} without a usable estimate left out."
+    if distribution.unusable_count:
+        text += (
+            f" {format_count(distribution.unusable_count, 'recording')} without a usable estimate left out."
+        )
     drawn = len(figures.select_ridges(distribution.pooled.estimate, distribution.pooled.outliers))
     count = len(distribution.pooled.estimate)
     if drawn < count:
@@ -153,8 +155,8 @@ def _build_case_rows(fleet: Fleet, answers: FleetAnswers) -> list[LinkedRow]:
         cells += [row["state"], ", ".join(mechanisms.get(name, [])) or "–"]
         cells += ["yes" if row["unexplained"] else "–", "; ".join(deviations.get(name, [])) or "–"]
         rows.append(LinkedRow(name, quote(row["report"] or ""), cells))
-    if len(rows) > MAX_TABLE_CASES:
-        rows = sorted(rows, key=lambda row: row.name not in deviations)[:MAX_TABLE_CASES]
+    if len(rows) > _MAX_TABLE_CASES:
+        rows = sorted(rows, key=lambda row: row.name not in deviations)[:_MAX_TABLE_CASES]
     return rows
 
 

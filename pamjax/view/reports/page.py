@@ -25,10 +25,10 @@ from pamjax.view.reports.cell_titles import add_cell_titles
 from pamjax.view.theme import apply_theme, escape_names
 
 #: Packages whose versions each page lists at its end.
-VERSIONED_PACKAGES = ("pamjax", "jax", "numpy", "scipy")
+_VERSIONED_PACKAGES = ("pamjax", "jax", "numpy", "scipy")
 
 #: Largest ratio of a figure's width on a screen to its width on paper.
-SCREEN_SCALE = 1.15
+_SCREEN_SCALE = 1.15
 
 _SVG_SETTINGS: dict[Any, Any] = {
     # Text is stored as text: small files, searchable, in the reader's sans-serif font.
@@ -63,14 +63,14 @@ def build_picture(plot: Callable[[bool], Figure | None], name: str, has_title: b
     wide, narrow = plot(False), plot(True)
     if wide is None or narrow is None:
         return None
-    alt = format_figure_titles(wide)
+    alt = _format_figure_titles(wide)
     if not has_title:
         wide.suptitle("")
         narrow.suptitle("")
     return Picture(render_svg(wide, f"{name}-wide", alt), render_svg(narrow, f"{name}-narrow", alt), alt)
 
 
-def format_figure_titles(figure: Figure) -> str:
+def _format_figure_titles(figure: Figure) -> str:
     """Return all titles of a figure in one line."""
     titles = [figure.get_suptitle(), *(axes.get_title("left") for axes in figure.axes)]
     return ". ".join(" ".join(title.split()).rstrip(".;") for title in titles if title) + "."
@@ -95,7 +95,7 @@ def render_svg(figure: Figure, name: str, alt: str) -> Markup:
     inner = re.sub(r"<metadata>.*?</metadata>|<style type.*?</style>", "", inner, flags=re.DOTALL)
     inner = add_cell_titles(_make_ids_unique(inner, name), figure)
     # Limit the figure's width, so that type is only slightly larger than on paper.
-    width = SCREEN_SCALE * 96 * figure.get_figwidth()
+    width = _SCREEN_SCALE * 96 * figure.get_figwidth()
     style = f"max-width: {width:.0f}px"
     opening_tag = f'<svg viewBox="{box[1]}" role="img" aria-label="{escape(alt)}" style="{style}">'
     return Markup(opening_tag + inner.strip())
@@ -112,24 +112,24 @@ def _make_ids_unique(inner: str, name: str) -> str:
     return re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", inner).replace("xlink:href", "href")
 
 
-def collect_versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages in `VERSIONED_PACKAGES`."""
-    return {name: version(name) for name in VERSIONED_PACKAGES} | {"Python": platform.python_version()}
+def _collect_versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages in `_VERSIONED_PACKAGES`."""
+    return {name: version(name) for name in _VERSIONED_PACKAGES} | {"Python": platform.python_version()}
 
 
-def add_line_breaks(name: str) -> Markup:
+def _add_line_breaks(name: str) -> Markup:
     """Return a name in which a line may break after each dot.
 
-    >>> str(add_line_breaks("muscle.thread_length, 0.5"))
+    >>> str(_add_line_breaks("muscle.thread_length, 0.5"))
     'muscle.<wbr>thread_length, 0.5'
     """
     return Markup(re.sub(r"\.(?=[a-z])", ".<wbr>", str(escape(name))))
 
 
-def format_code_spans(text: str) -> Markup:
+def _format_code_spans(text: str) -> Markup:
     """Return a text in which parts between backticks are code.
 
-    >>> str(format_code_spans("use `--to`"))
+    >>> str(_format_code_spans("use `--to`"))
     'use <code>--to</code>'
     """
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
@@ -150,9 +150,9 @@ def write_page(path: str | Path, template: str, **context: Any) -> Path:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["breakable"] = add_line_breaks
-    environment.filters["code_spans"] = format_code_spans
-    text = environment.get_template(template).render(versions=collect_versions(), **context)
+    environment.filters["breakable"] = _add_line_breaks
+    environment.filters["code_spans"] = _format_code_spans
+    text = environment.get_template(template).render(versions=_collect_versions(), **context)
     with write_atomically(path) as temporary:
         temporary.write_text(text, "utf-8")
     return Path(path)

@@ -143,13 +143,12 @@ def _build_expected_row(name: str, expected: ExpectedSd) -> list[str]:
 
 def _list_rig_rows(plan: Plan) -> list[list[str]]:
     capabilities = plan.prior.capabilities
-    noise = {"force": capabilities.force, "diameter": capabilities.diameter}
     rows = [
-        ["highest pressure", format_quantity(capabilities.pressure, "kPa", 3)],
-        ["largest contraction", f"{capabilities.contraction:.0%}"],
+        ["highest pressure", format_quantity(capabilities.max_pressure, "kPa", 3)],
+        ["largest contraction", f"{capabilities.max_contraction:.0%}"],
         ["speed of a stroke", f"{1e3 * capabilities.speed:.3g} mm/s"],
         ["rows per second", f"{capabilities.rate:.3g}"],
-        ["set-up time between two runs", f"{capabilities.setup:.3g} s"],
+        ["set-up time between two runs", f"{capabilities.setup_seconds:.3g} s"],
         ["available time", format_minutes(capabilities.minutes)],
     ]
     rows += [
@@ -157,12 +156,16 @@ def _list_rig_rows(plan: Plan) -> list[list[str]]:
             f"noise of {name}, per row",
             format_quantity(sd, DISPLAY_UNIT[name], 2) if sd is not None else "not measured",
         ]
-        for name, sd in noise.items()
+        for name, sd in capabilities.channel_sds.items()
     ]
-    length = ["noise of length, per row", format_quantity(capabilities.ruler, "mm", 2)]
-    if capabilities.setting:
-        length = ["error of length, per setting", format_quantity(capabilities.setting, "mm", 2)]
-    return [*rows, ["noise of pressure, per row", format_quantity(capabilities.gauge, "kPa", 2)], length]
+    length = ["noise of length, per row", format_quantity(capabilities.length_sd, "mm", 2)]
+    if capabilities.length_setting_sd:
+        length = ["error of length, per setting", format_quantity(capabilities.length_setting_sd, "mm", 2)]
+    return [
+        *rows,
+        ["noise of pressure, per row", format_quantity(capabilities.pressure_sd, "kPa", 2)],
+        length,
+    ]
 
 
 def _build_error_row(name: str, sd: float) -> list[str]:

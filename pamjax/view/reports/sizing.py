@@ -25,7 +25,7 @@ from pamjax.view.reports.sizing_receipt import build_page_receipt
 from pamjax.view.wording import capitalise_sentence
 
 #: Largest number of rows in the table of choices.
-MAX_CHOICE_ROWS = 8
+_MAX_CHOICE_ROWS = 8
 
 
 def write_design_report(design: Design, path: str | Path, command: str = "") -> Path:
@@ -45,7 +45,7 @@ def write_design_report(design: Design, path: str | Path, command: str = "") -> 
         answer=format_answer(design),
         feasible=design.feasible,
         chart=build_picture(partial(figures.plot_chart, design), "chart"),
-        prices=build_picture(partial(figures.plot_prices, design), "prices"),
+        sensitivities=build_picture(partial(figures.plot_sensitivities, design), "prices"),
         front=build_picture(partial(figures.plot_front, design), "front"),
         front_sentence=_format_front(design),
         muscle=_list_muscle_rows(design),
@@ -66,8 +66,10 @@ def write_design_report(design: Design, path: str | Path, command: str = "") -> 
         insufficient_relaxations=[
             relaxation.description for relaxation in design.relaxations if relaxation.relaxed_bound is None
         ],
-        slopes=[_build_price_row(design, price) for price in design.prices],
-        costs=[_build_cost_row(cost, design) for cost in design.inelastic_costs],
+        slopes=[
+            _build_sensitivity_row(design, sensitivity) for sensitivity in design.requirement_sensitivities
+        ],
+        inelastic_errors=[_build_error_row(error, design) for error in design.inelastic_errors],
         choices_caption=_format_choices_caption(design),
         choices_head=["choice", f"minimum {design.spec.entries.minimise}", "probability", "status"]
         if design.feasible
@@ -202,26 +204,30 @@ def _format_margins_caption(design: Design) -> str:
     return "Margin to each requirement, and the probability that it holds under all uncertainties"
 
 
-def _build_price_row(design: Design, price) -> list[str]:
-    requirement = price.requirement
+def _build_sensitivity_row(design: Design, sensitivity) -> list[str]:
+    requirement = sensitivity.requirement
     return [
         requirement.description,
-        f"{price.percent_saved:.3g} %",
-        format_slope(design, price.slope, requirement),
+        f"{sensitivity.percent_saved:.3g} %",
+        format_slope(design, sensitivity.slope, requirement),
     ]
 
 
-def _build_cost_row(cost, design: Design) -> list[str]:
-    if cost.choice is None:
-        return [cost.thread, "cannot meet the spec", "", "", "", ""]
+def _build_error_row(error, design: Design) -> list[str]:
+    if error.choice is None:
+        return [error.thread, "cannot meet the spec", "", "", "", ""]
     unit = OBJECTIVE_UNITS[design.spec.entries.minimise]
-    elastic_text = "cannot meet the spec" if cost.elastic is None else format_quantity(cost.elastic, unit)
+    elastic_text = (
+        "cannot meet the spec"
+        if error.elastic_objective is None
+        else format_quantity(error.elastic_objective, unit)
+    )
     return [
-        cost.thread,
-        f"{format_quantity(cost.shortfall, 'N', 3)} ({100 * cost.share:.2g} %)",
-        f"{format_quantity(cost.overrun, 'mm', 2)} ({100 * cost.wider:.2g} %)",
-        f"{100 * cost.strain:.2g} %",
-        format_quantity(cost.inelastic, unit),
+        error.thread,
+        f"{format_quantity(error.missing_force, 'N', 3)} ({100 * error.missing_force_share:.2g} %)",
+        f"{format_quantity(error.excess_diameter, 'mm', 2)} ({100 * error.excess_diameter_share:.2g} %)",
+        f"{100 * error.max_strain:.2g} %",
+        format_quantity(error.inelastic_objective, unit),
         elastic_text,
     ]
 
@@ -247,7 +253,7 @@ def _build_choice_rows(design: Design) -> list[list[str]]:
                 f"{100 * (1 - math.exp(-result.violation)):.2g} % short",
                 "nearest" if result.problem.choice == design.choice else "",
             ]
-            for result in design.results[:MAX_CHOICE_ROWS]
+            for result in design.results[:_MAX_CHOICE_ROWS]
         ]
     unit = OBJECTIVE_UNITS[design.spec.entries.minimise]
     return [
@@ -257,5 +263,5 @@ def _build_choice_rows(design: Design) -> list[list[str]]:
             "" if math.isnan(finalist.probability) else format_probability_value(finalist.probability),
             "chosen" if finalist.result.problem.choice == design.choice else "",
         ]
-        for finalist in design.finalists[:MAX_CHOICE_ROWS]
+        for finalist in design.finalists[:_MAX_CHOICE_ROWS]
     ]

@@ -7,7 +7,7 @@ from pamjax.sizing.io import build_receipt
 from pamjax.sizing.result import Design
 
 #: Headings of the sections of a receipt.
-SECTION_HEADINGS = {
+_SECTION_HEADINGS = {
     "assumed": "Assumptions",
     "calibrated": "Calibrated properties",
     "not known": "Uncertain properties",
@@ -25,7 +25,7 @@ def build_page_receipt(design: Design) -> dict[str, list[str]]:
         sections["assumed"] = [
             line.removesuffix(f", sources {material.source}") for line in sections["assumed"]
         ]
-    page_sections = {SECTION_HEADINGS[key]: lines for key, lines in sections.items()}
+    page_sections = {_SECTION_HEADINGS[key]: lines for key, lines in sections.items()}
     page_sections["Sources of the material data"] = [
         line for table, material in materials for line in _list_sources(table, material.name, material.source)
     ]

@@ -9,8 +9,8 @@ import pytest
 from pamjax.benchmark.other_forms.case_files import build_bank_case, write_bank
 from pamjax.benchmark.other_forms.draw import (
     BANK_KINDS,
-    MAX_SD_RATIO,
-    MIN_SD_RATIO,
+    MAX_MISSTATED_RATIO,
+    MIN_MISSTATED_RATIO,
     _build_plan,
     _draw_braid,
     _get_prior_sd,
@@ -122,7 +122,7 @@ def test_third_of_the_recordings_has_misstated_sensors():
     assert 25 < sum(r.misstated for r in drawn) < 56
     for recording, ratio in zip(drawn, ratios, strict=True):
         assert (set(ratio.values()) == {1.0}) == (not recording.misstated)
-        assert all(MIN_SD_RATIO <= value <= MAX_SD_RATIO for value in ratio.values())
+        assert all(MIN_MISSTATED_RATIO <= value <= MAX_MISSTATED_RATIO for value in ratio.values())
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.9])

@@ -1,6 +1,7 @@
 """`pamjax diagnose`: its files, and their agreement."""
 
 import json
+import shlex
 
 import numpy as np
 import pandas as pd
@@ -52,17 +53,18 @@ def test_report_is_optional(wanted, bench, tmp_path, monkeypatch, capsys):
             diagnosis_result.held_out_errors.after,
         ),
     )
-    option = [] if wanted else ["--no-report"]
-    assert main(["diagnose", str(bench / "made"), "--out", str(tmp_path), *option]) == 0
+    option = ["--report"] if wanted else ["--no-report"]
+    words = ["diagnose", str(bench / "made"), "--out", str(tmp_path), *option]
+    assert main(words) == 0
     names = ["diagnosis.json", "prediction.csv", "model.json", "gain.json"] + ["report.html"] * wanted
     assert {path.name for path in (tmp_path / "bench").iterdir()} == set(names)
     printed = capsys.readouterr()
     assert f"wrote {tmp_path}/bench/: {', '.join(names)}" in printed.err
     assert "Sárosi" in printed.out
     if wanted:
-        assert "empirical formula and a Gaussian process" in (tmp_path / "bench" / "report.html").read_text(
-            "utf-8"
-        )
+        page = Page((tmp_path / "bench" / "report.html").read_text("utf-8"))
+        assert "empirical formula and a Gaussian process" in page.text
+        assert f"pamjax {shlex.join(words)}" in page.text
 
 
 def test_invalid_cases_are_reported_and_the_others_are_diagnosed(bench, tmp_path, monkeypatch, capsys):

@@ -129,10 +129,10 @@ def test_refused_options(cases, tmp_path, capsys):
 
 
 def test_report_analyses_its_fleet_once(tmp_path, monkeypatch, capsys):
-    from pamjax.fleet import answers
+    from pamjax.fleet import analysis
 
-    counts, analyse = [], answers.analyse_fleet
-    monkeypatch.setattr(answers, "analyse_fleet", lambda fleet: counts.append(1) or analyse(fleet))
+    counts, analyse = [], analysis.analyse_fleet
+    monkeypatch.setattr(analysis, "analyse_fleet", lambda fleet: counts.append(1) or analyse(fleet))
     store = write_made_store(tmp_path, [80.0, 90.0, 100.0])
     assert main(["fleet", "report", str(store)]) == 0
     assert "thread.modulus of made: 90" in capsys.readouterr().out

@@ -4,7 +4,7 @@ import pytest
 
 pytest.importorskip("pyarrow", reason="needs the extra pamjax[fleet]")
 
-from pamjax.fleet.answers import analyse_fleet
+from pamjax.fleet.analysis import analyse_fleet
 from pamjax.fleet.fleet import open_fleet
 from pamjax.view.figures.fleet import plot_control_chart
 from pamjax.view.reports.fleet import write_fleet_report

@@ -14,7 +14,7 @@ from pamjax.sizing import chance_constraints
 from pamjax.sizing.infeasible import format_amount
 from pamjax.sizing.io import build_design_document
 from pamjax.sizing.shopping import list_checks
-from pamjax.view.figures.sizing import plot_chart, plot_prices
+from pamjax.view.figures.sizing import plot_chart, plot_sensitivities
 from pamjax.view.reports.sizing import format_answer, format_headline, write_design_report
 from tests.view.html_page import Page
 
@@ -42,7 +42,7 @@ pytestmark = pytest.mark.slow
 @cache
 def size_spec(hard):
     """Return a feasible design with a required probability, or an infeasible one if `hard`."""
-    return pamjax.size(HARD if hard else SPEC, margins=False, starts=2)
+    return pamjax.size(HARD if hard else SPEC, inelastic_and_front=False, starts=2)
 
 
 @cache
@@ -136,12 +136,16 @@ def test_operating_point_above_the_supply_has_an_isobar():
 
 
 def test_title_reports_the_saving_of_a_relaxation():
-    assert re.search(r"” by 1 % reduces diameter by \S+ %", plot_prices(size_spec(False)).get_suptitle())
+    assert re.search(
+        r"” by 1 % reduces diameter by \S+ %", plot_sensitivities(size_spec(False)).get_suptitle()
+    )
 
 
 def test_without_a_fitting_tube_no_part_counts_as_sold():
     # No latex tube of the table has a wall between 0.79 and 1.19 mm.
-    design = pamjax.size(SPEC | {"limits": {"wall": ["0.9 mm", "1.1 mm"]}}, margins=False, starts=2)
+    design = pamjax.size(
+        SPEC | {"limits": {"wall": ["0.9 mm", "1.1 mm"]}}, inelastic_and_front=False, starts=2
+    )
     assert design.feasible
     assert design.misses_stock
     assert design.nominal_stock is None
@@ -174,7 +178,7 @@ def test_reported_probability_has_draws_that_selected_nothing(monkeypatch):
         return draw_builds(problem, transfer, errors, count, seed)
 
     monkeypatch.setattr(chance_constraints, "draw_builds", record)
-    design = pamjax.size(SPEC, margins=False, starts=2, stock=False, seed=5)
+    design = pamjax.size(SPEC, inelastic_and_front=False, starts=2, stock=False, seed=5)
     assert design.misses_probability == (design.probability < 0.9)
     *selecting, reporting = uses
     assert reporting == (chance_constraints.REPORT_DRAWS, 7)

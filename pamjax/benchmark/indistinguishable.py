@@ -6,7 +6,7 @@ the model is refitted. With the whitening filter W of the noise, the remaining m
 
     χ² = |W (y_true − y_refit)|²,          y_true the true prediction at the recorded pressure and length,
 
-the largest expected χ² in favour of the true mechanism. Below `MAX_INDISTINGUISHABLE_CHI2` no test on one
+the largest expected χ² in favour of the true mechanism. Below `_MAX_INDISTINGUISHABLE_CHI2` no test on one
 recording of this length distinguishes them.
 """
 
@@ -24,7 +24,7 @@ from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 
 #: χ² below which two mechanisms are indistinguishable; it corresponds to odds of e⁶ at most.
-MAX_INDISTINGUISHABLE_CHI2 = 12.0
+_MAX_INDISTINGUISHABLE_CHI2 = 12.0
 
 
 def is_indistinguishable(
@@ -79,4 +79,4 @@ def is_indistinguishable(
             problem.neutral[k] + amplitude, problem.low[k] + 1e-3 * inside, problem.high[k] - inside
         )
     free = sorted({*base, *(problem.index(name) for name in best.candidate.free_parameters)})
-    return bool(fit_parameters(clean_problem, noise, free, start).chi2 < MAX_INDISTINGUISHABLE_CHI2)
+    return bool(fit_parameters(clean_problem, noise, free, start).chi2 < _MAX_INDISTINGUISHABLE_CHI2)

@@ -16,7 +16,7 @@ from scipy.optimize import minimize_scalar
 from pamjax.fleet.restricted_likelihood import compute_log_likelihoods, fit_coefficients
 
 #: Smallest number of specimens of a regression.
-MIN_REGRESSION_SPECIMENS = 5
+_MIN_REGRESSION_SPECIMENS = 5
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def fit_slope(estimate: np.ndarray, sd: np.ndarray, x: np.ndarray) -> Slope | No
         x: (n,) the quantity; for a bench the share of its recordings, from 0 to 1.
     """
     n = len(estimate)
-    if n < MIN_REGRESSION_SPECIMENS or np.ptp(x) == 0:
+    if n < _MIN_REGRESSION_SPECIMENS or np.ptp(x) == 0:
         return None
     scale = float(np.ptp(estimate) + sd.max())
     y, s = (estimate - np.median(estimate)) / scale, sd / scale

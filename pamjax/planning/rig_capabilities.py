@@ -43,9 +43,17 @@ ENTRY_KINDS = {
     "gauge": "pressure", "ruler": "length",
 }  # fmt: skip
 
+#: Fields of `RigCapabilities` for the entries of a rig file; the other entries have the name of their field.
+_FIELDS = {
+    "pressure": "max_pressure", "contraction": "max_contraction", "setup": "setup_seconds",
+    "force": "force_sd", "diameter": "diameter_sd", "gauge": "pressure_sd", "ruler": "length_sd",
+}  # fmt: skip
+
+#: Default standard deviations of one sample by channel, SI.
+DEFAULT_CHANNEL_SDS = {"force": 2.0, "diameter": 1e-4}
 
 #: Upper limit of contraction: no muscle contracts this far.
-MAX_RIG_CONTRACTION = 0.9
+_MAX_RIG_CONTRACTION = 0.9
 
 
 @dataclass(frozen=True)
@@ -53,37 +61,39 @@ class RigCapabilities:
     """Capabilities of a test rig.
 
     Attributes:
-        pressure: highest pressure, Pa.
-        contraction: largest contraction, a fraction.
+        max_pressure: highest pressure, Pa.
+        max_contraction: largest contraction, a fraction.
         speed: speed of a stroke, m/s.
         rate: sampling rate, Hz.
         minutes: available time, min.
-        setup: time between two runs, s.
+        setup_seconds: time between two runs, s.
         correlation_time: correlation time of the noise, s.
-        force, diameter: noise of one sample, N and m; None without this channel.
-        gauge, ruler: noise of one sample of pressure and length, Pa and m.
-        setting: error of each set length, common to all samples at this length, m; 0 for none.
+        force_sd, diameter_sd: standard deviation of one sample, N and m; None without this channel.
+        pressure_sd, length_sd: standard deviation of one sample of pressure and length, Pa and m.
+        length_setting_sd: standard deviation of each set length, common to all its samples, m; 0 for none.
         error_sds: standard deviation of zeros, gains and compliance, SI, by parameter name.
     """
 
-    pressure: float = 600e3
-    contraction: float = 0.3
+    max_pressure: float = 600e3
+    max_contraction: float = 0.3
     speed: float = 1e-3
     rate: float = 1.0
     minutes: float = 60.0
-    setup: float = 30.0
+    setup_seconds: float = 30.0
     correlation_time: float = 0.0
-    force: float | None = 2.0
-    diameter: float | None = 1e-4
-    gauge: float = 700.0
-    ruler: float = 2e-5
-    setting: float = 0.0
+    force_sd: float | None = DEFAULT_CHANNEL_SDS["force"]
+    diameter_sd: float | None = DEFAULT_CHANNEL_SDS["diameter"]
+    pressure_sd: float = 700.0
+    length_sd: float = 2e-5
+    length_setting_sd: float = 0.0
     error_sds: dict[str, float] = field(default_factory=lambda: dict(DEFAULT_ERROR_SDS))
 
     @property
     def assumed_sds(self) -> dict[str, float]:
         """Return the standard deviations of the rig's parameters, SI, with that of a set length."""
-        return self.error_sds | ({f"{LENGTH_ERROR_PREFIX}each": self.setting} if self.setting else {})
+        return self.error_sds | (
+            {f"{LENGTH_ERROR_PREFIX}each": self.length_setting_sd} if self.length_setting_sd else {}
+        )
 
     @property
     def independent_share(self) -> float:
@@ -96,19 +106,24 @@ class RigCapabilities:
     def keep_channel(self, channel: str) -> RigCapabilities:
         """Return the rig with one channel only, "force" or "diameter"."""
         other = {"force": "diameter", "diameter": "force"}[channel]
-        return replace(self, **{other: None})
+        return replace(self, **{_FIELDS[other]: None})
+
+    @property
+    def channel_sds(self) -> dict[str, float | None]:
+        """Return the standard deviation of one sample by channel, SI; None for an absent channel."""
+        return {"force": self.force_sd, "diameter": self.diameter_sd}
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Return the measured channels besides pressure and length."""
-        return tuple(c for c in ("force", "diameter") if getattr(self, c) is not None)
+        return tuple(channel for channel, sd in self.channel_sds.items() if sd is not None)
 
 
 def read_capabilities(
     entry: MuscleToml,
     rig: Path | None = None,
-    recorded: tuple[str, ...] = ("force", "diameter"),
-    highest: float | None = None,
+    recorded_channels: tuple[str, ...] = ("force", "diameter"),
+    max_recorded_pressure: float | None = None,
     **overrides: Any,
 ) -> RigCapabilities:
     """Return the capabilities of a rig: from its file, else from the sensors of muscle.toml, else defaults.
@@ -120,28 +135,30 @@ def read_capabilities(
         entry: content of muscle.toml.
         rig: TOML file with a table [rig], such as `pressure = "690 kPa"`, `force = "2 N"` (noise of a
             sample), `diameter = "none"`, `force_zero = "5 N"`, `minutes = 60`.
-        recorded: channels of the existing recording; the rig has only these, unless others are stated.
-        highest: highest pressure of the existing recording, Pa; upper limit, unless another one is stated.
-        overrides: entries that replace those of the file.
+        recorded_channels: channels of the existing recording; the rig has only these, unless others are
+            stated.
+        max_recorded_pressure: highest pressure of the existing recording, Pa; upper limit, unless another
+            one is stated.
+        overrides: entries that replace those of the file, by their names in the file.
 
     Raises:
         BadInput: for an unknown entry, a wrong unit, or a rig without force and diameter.
     """
     sensors = entry.sensors
-    stated_entries = {
-        "force": sensors.force, "diameter": sensors.diameter,
-        "gauge": sensors.pressure, "pressure": highest,
-        "setting" if sensors.length_per_setting else "ruler": sensors.length,
+    stated_fields = {
+        "force_sd": sensors.force, "diameter_sd": sensors.diameter,
+        "pressure_sd": sensors.pressure, "max_pressure": max_recorded_pressure,
+        "length_setting_sd" if sensors.length_per_setting else "length_sd": sensors.length,
     }  # fmt: skip
-    absent_channels = dict.fromkeys({"force", "diameter"} - set(recorded))
+    absent_channels = dict.fromkeys(_FIELDS[c] for c in ("force", "diameter") if c not in recorded_channels)
     capabilities = replace(
         RigCapabilities(),
-        **absent_channels | {name: value for name, value in stated_entries.items() if value},
+        **absent_channels | {name: value for name, value in stated_fields.items() if value},
     )
     rig_entries = (_read_rig_file(rig) if rig else {}) | {k: v for k, v in overrides.items() if v is not None}
-    capabilities = replace(capabilities, setting=0.0) if "ruler" in rig_entries else capabilities
-    capabilities = replace(capabilities, ruler=0.0) if capabilities.setting else capabilities
-    file, error_sds, plain_entries = rig.name if rig else "the rig", dict(capabilities.error_sds), {}
+    capabilities = replace(capabilities, length_setting_sd=0.0) if "ruler" in rig_entries else capabilities
+    capabilities = replace(capabilities, length_sd=0.0) if capabilities.length_setting_sd else capabilities
+    file, error_sds, plain_fields = rig.name if rig else "the rig", dict(capabilities.error_sds), {}
     for name, value in rig_entries.items():
         if name in ERROR_ENTRIES:
             number, unit = ERROR_ENTRIES[name]
@@ -149,7 +166,7 @@ def read_capabilities(
                 raise refuse(f"rig entry `{name}` needs a unit", str(value), file, f'Write "{value} {unit}".')
             error_sds[number] = parse_number(str(value), unit, f"{name} of {file}")
         elif name in ENTRY_KINDS:
-            plain_entries[name] = _parse_entry(name, value, file)
+            plain_fields[_FIELDS.get(name, name)] = _parse_entry(name, value, file)
         else:
             raise refuse(
                 f"unknown rig entry {name!r}",
@@ -157,7 +174,7 @@ def read_capabilities(
                 remedy=suggest_word(name, [*ERROR_ENTRIES, *ENTRY_KINDS]),
             )
     capabilities = replace(
-        capabilities, error_sds={name: sd for name, sd in error_sds.items() if sd > 0}, **plain_entries
+        capabilities, error_sds={name: sd for name, sd in error_sds.items() if sd > 0}, **plain_fields
     )
     if not capabilities.channels:
         raise refuse("a rig must measure force or diameter", "neither", file, "State the noise of one.")
@@ -174,9 +191,9 @@ def _parse_entry(name: str, value: Any, file: str) -> float | None:
     if name == "minutes" and isinstance(value, str):
         value = parse_quantity(value, "time", f"{name} of {file}") / 60
     number = parse_quantity(value, ENTRY_KINDS[name], f"{name} of {file}")
-    if name == "contraction" and number >= MAX_RIG_CONTRACTION:
+    if name == "contraction" and number >= _MAX_RIG_CONTRACTION:
         raise refuse(
-            f"rig entry `contraction` must be a fraction below {MAX_RIG_CONTRACTION:g}", f"{value}", file
+            f"rig entry `contraction` must be a fraction below {_MAX_RIG_CONTRACTION:g}", f"{value}", file
         )
     if number < 0 or (number == 0 and name not in ("setup", "correlation_time")):
         raise refuse(f"rig entry `{name}` must be positive", f"{value}", file)

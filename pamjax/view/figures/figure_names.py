@@ -29,7 +29,7 @@ from pamjax.view.figures.fit import (
 from pamjax.view.figures.mismatch_map import list_other_channels, plot_map
 from pamjax.view.figures.posterior import find_ridges, plot_corner, plot_marginals, plot_ridges
 from pamjax.view.figures.posterior_checks import plot_band, plot_profiles, plot_traces
-from pamjax.view.figures.sizing import plot_chart, plot_front, plot_prices
+from pamjax.view.figures.sizing import plot_chart, plot_front, plot_sensitivities
 from pamjax.view.theme import escape_names
 
 #: Function that draws a figure; its argument `narrow` is whether it is for one column.
@@ -54,7 +54,7 @@ def plot(result: DrawableResult, name: str | None = None, *, narrow: bool = Fals
         fit = pamjax.fit("mine")
         pamjax.plot(fit, "residual").savefig("residual.png")
     """
-    functions = find_plot_functions(result)
+    functions = _find_plot_functions(result)
     name = next(iter(functions)) if name is None else name
     if name not in functions:
         kind = type(result).__name__
@@ -82,11 +82,11 @@ def list_figures(result: DrawableResult) -> list[str]:
         fit = pamjax.fit("mine")
         print(pamjax.list_figures(fit))
     """
-    return list(find_plot_functions(result))
+    return list(_find_plot_functions(result))
 
 
 @singledispatch
-def find_plot_functions(result: object) -> dict[str, PlotFunction]:
+def _find_plot_functions(result: object) -> dict[str, PlotFunction]:
     """Return the functions that draw a result, by name of the figure."""
     rule = "`plot` needs a Fit, a Posterior, a Diagnosis or a Design"
     raise refuse(
@@ -94,7 +94,7 @@ def find_plot_functions(result: object) -> dict[str, PlotFunction]:
     )
 
 
-@find_plot_functions.register
+@_find_plot_functions.register
 def _(fit: Fit) -> dict[str, PlotFunction]:
     functions: dict[str, PlotFunction] = {}
     for case_fit in fit.cases:
@@ -108,7 +108,7 @@ def _(fit: Fit) -> dict[str, PlotFunction]:
     return functions
 
 
-@find_plot_functions.register
+@_find_plot_functions.register
 def _(post: Posterior) -> dict[str, PlotFunction]:
     functions: dict[str, PlotFunction] = {
         "corner": partial(plot_corner, post),
@@ -125,7 +125,7 @@ def _(post: Posterior) -> dict[str, PlotFunction]:
     return functions
 
 
-@find_plot_functions.register
+@_find_plot_functions.register
 def _(diagnosis: Diagnosis) -> dict[str, PlotFunction]:
     functions: dict[str, PlotFunction] = {"map": partial(plot_map, diagnosis, None)}
     for channel in list_other_channels(diagnosis):
@@ -143,11 +143,11 @@ def _(diagnosis: Diagnosis) -> dict[str, PlotFunction]:
     return functions
 
 
-@find_plot_functions.register
+@_find_plot_functions.register
 def _(design: Design) -> dict[str, PlotFunction]:
     functions: dict[str, PlotFunction] = {"chart": partial(plot_chart, design)}
-    if design.prices:
-        functions["prices"] = partial(plot_prices, design)
+    if design.requirement_sensitivities:
+        functions["prices"] = partial(plot_sensitivities, design)
     if design.front is not None and len(design.front.values) > 1:
         functions["front"] = partial(plot_front, design)
     return functions

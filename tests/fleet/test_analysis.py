@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("pyarrow", reason="needs the extra pamjax[fleet]")
 
-from pamjax.fleet.answers import analyse_fleet
+from pamjax.fleet.analysis import analyse_fleet
 from pamjax.fleet.fleet import open_fleet
 from pamjax.fleet.summary import list_findings
 from tests.fleet.made_store import write_made_store

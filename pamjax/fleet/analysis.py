@@ -10,18 +10,18 @@ import numpy as np
 import pandas as pd
 
 from pamjax.fleet.common_prior import extract_estimates
-from pamjax.fleet.contrast import Slope, fit_slope
 from pamjax.fleet.copies import drop_copies, find_copies
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frames import select_rows
 from pamjax.fleet.frequency import BENCH_P_VALUE, BenchFrequency, count_limits, count_mechanisms
 from pamjax.fleet.pooling import MIN_SPECIMENS, PooledNumber, pool_estimates
+from pamjax.fleet.regression import Slope, fit_slope
 from pamjax.fleet.specimens import SpecimenEstimates, combine_recordings, number_specimens
 from pamjax.fleet.unexplained import UnexplainedSummary, summarise_unexplained
 from pamjax.model.parameters import LENGTH_ERROR_PREFIX
 
 #: Largest p-value of a drift, after a correction for the number of distributions.
-DRIFT_P_VALUE = 0.05
+_DRIFT_P_VALUE = 0.05
 #: Days of a year, the unit of a drift with time.
 DAYS_PER_YEAR = 365.25
 
@@ -36,7 +36,7 @@ class NumberDistribution:
         estimates: estimate of each specimen, in the order of the arrays in `pooled`.
         pooled: the distribution.
         shares_prior: whether a prior that several specimens share was taken out.
-        left_out: number of recordings without a usable estimate.
+        unusable_count: number of recordings without a usable estimate.
         benches: by bench, difference of its specimens to all others.
         deviating_benches: benches that differ, with a Bonferroni correction over benches and distributions.
         order: (n,) date or serial number of each specimen, NaN if not stated; None without any order.
@@ -51,7 +51,7 @@ class NumberDistribution:
     estimates: SpecimenEstimates
     pooled: PooledNumber
     shares_prior: bool
-    left_out: int
+    unusable_count: int
     benches: dict[str, Slope]
     deviating_benches: tuple[str, ...]
     order: np.ndarray | None
@@ -89,7 +89,7 @@ class _NumberGroup:
     cases: pd.DataFrame
     estimates: SpecimenEstimates
     shares_prior: bool
-    left_out: int
+    unusable_count: int
 
 
 def analyse_fleet(fleet: Fleet) -> FleetAnswers:
@@ -129,15 +129,15 @@ def _list_groups(fleet: Fleet) -> list[_NumberGroup]:
         case_rows = fleet.cases.iloc[[positions[case] for case in usable["case"]]]
         if len(set(usable["specimen"])) >= MIN_SPECIMENS:
             estimates, unit = combine_recordings(usable, case_rows), str(table["unit"].iloc[0])
-            left_out = len(table) - len(usable)
-            groups.append(_NumberGroup(kind, name, unit, case_rows, estimates, shares_prior, left_out))
+            unusable_count = len(table) - len(usable)
+            groups.append(_NumberGroup(kind, name, unit, case_rows, estimates, shares_prior, unusable_count))
     return groups
 
 
 def _build_distribution(group: _NumberGroup, group_count: int, bench_count: int) -> NumberDistribution:
     estimates = group.estimates
     benches = _compare_benches(estimates, group.cases["bench"].tolist())
-    order_name, order = find_order(group.cases)
+    order_name, order = _find_order(group.cases)
     drift = None
     if order is not None:
         order = estimates.average(order)
@@ -150,13 +150,13 @@ def _build_distribution(group: _NumberGroup, group_count: int, bench_count: int)
         estimates=estimates,
         pooled=pool_estimates(estimates.value, estimates.sd, group_count),
         shares_prior=group.shares_prior,
-        left_out=group.left_out,
+        unusable_count=group.unusable_count,
         benches=benches,
         deviating_benches=_select_benches(benches, group_count * bench_count),
         order=order,
         order_name=order_name,
         drift=drift,
-        drifts=drift is not None and drift.p_value * group_count < DRIFT_P_VALUE,
+        drifts=drift is not None and drift.p_value * group_count < _DRIFT_P_VALUE,
     )
 
 
@@ -177,7 +177,7 @@ def _select_benches(benches: dict[str, Slope], comparisons: int) -> tuple[str, .
     return tuple(names[:1] if len(benches) == 2 else names)
 
 
-def find_order(cases: pd.DataFrame) -> tuple[str, np.ndarray | None]:
+def _find_order(cases: pd.DataFrame) -> tuple[str, np.ndarray | None]:
     """Return the name of the order of cases and its values: dates in years, else serial numbers.
 
     Args:
