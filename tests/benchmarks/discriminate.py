@@ -173,8 +173,8 @@ def draw_tie(seed: int) -> tuple[GroundTruth, LibraryProblem, CandidateFit, Cand
         rivals = [
             m for id in _select_rivals(problem, baseline, true) if (m := fit_rival(problem, a, true, id))
         ]
-        b = min(rivals, key=lambda m: m.estimate.cost)
-        if abs(b.estimate.cost - a.estimate.cost) < DEFAULT_SETTINGS.tie_chi2:
+        b = min(rivals, key=lambda m: m.estimate.chi2_with_priors)
+        if abs(b.estimate.chi2_with_priors - a.estimate.chi2_with_priors) < DEFAULT_SETTINGS.tie_chi2:
             return envelope, problem, a, b, rejected_count
     raise RuntimeError(f"no tie in muscle {seed}")
 
@@ -192,7 +192,7 @@ def trial(seed: int, repeats: int) -> dict[str, Any]:
     true = np.array([envelope.true_values[name] for name in problem.names])
     stage, first, second = SimulatedTestbed.from_fit(problem, a), a.ids[-1], b.ids[-1]
     menu = evaluate_protocols(stage, a, b, (first, second))
-    worse = b.estimate.cost - a.estimate.cost
+    worse = b.estimate.chi2_with_priors - a.estimate.chi2_with_priors
     rng = np.random.default_rng([62, seed])
     results = []
     for kind, experiment in select_protocols(menu).items():
@@ -203,7 +203,7 @@ def trial(seed: int, repeats: int) -> dict[str, Any]:
         for _ in range(repeats):
             joint = simulate_joint(stage, experiment.id, a, b, true, rng)
             ends = [joint.refit(model) for model in (a, b)]
-            moves.append(ends[1].cost - ends[0].cost - worse)
+            moves.append(ends[1].chi2_with_priors - ends[0].chi2_with_priors - worse)
         results.append(
             {
                 "kind": kind,

@@ -52,11 +52,11 @@ def plot_refinements() -> Figure:
         figure = create_figure(DOUBLE_COLUMN, 5.0)
         panels = list(figure.subplots(2, 3).flat)
         _plot_curves(panels[0], "force_drift", compute_drifts(), "time [min]", "zero [N]")
-        _plot_curves(panels[1], "braid_locking", _compute_lockings(), "contraction [%]", "force [N]")
-        _plot_curves(panels[2], "bladder_elasticity", _compute_rubbers(), "contraction [%]", "force [N]")
+        _plot_curves(panels[1], "braid_locking", compute_lockings(), "contraction [%]", "force [N]")
+        _plot_curves(panels[2], "bladder_elasticity", compute_rubbers(), "contraction [%]", "force [N]")
         _plot_curves(panels[3], "braid_friction", compute_loops(), "contraction [%]", "force [N]")
-        _plot_curves(panels[4], "braid_friction", _compute_strengths(), "speed [mm/s]", "strength [1]")
-        _plot_curves(panels[5], "viscoelastic_creep", _compute_relaxations(), "time [s]", "stress [1]")
+        _plot_curves(panels[4], "braid_friction", compute_strengths(), "speed [mm/s]", "strength [1]")
+        _plot_curves(panels[5], "viscoelastic_creep", compute_relaxations(), "time [s]", "stress [1]")
         for panel in (panels[0], panels[3]):
             # Room for the legend above the curves.
             low, high = panel.get_ylim()
@@ -92,7 +92,7 @@ def compute_drifts() -> Curves:
     }
 
 
-def _compute_lockings() -> Curves:
+def compute_lockings() -> Curves:
     """Return the force of jammed threads near rest length, N, by exponent."""
     return {
         f"exponent {exponent:g}": _compute_force(BraidLocking(0.3e6, 0.2, exponent), 0.15)
@@ -100,7 +100,7 @@ def _compute_lockings() -> Curves:
     }
 
 
-def _compute_rubbers() -> Curves:
+def compute_rubbers() -> Curves:
     """Return the force of a latex bladder, N, by stiffening."""
     return {
         f"stiffening {share:g}": _compute_force(BladderElasticity(0.4e6, **_TUBE, stiffening=share), 0.35)
@@ -135,7 +135,7 @@ def compute_loops() -> Curves:
     return loops
 
 
-def _compute_strengths() -> Curves:
+def compute_strengths() -> Curves:
     """Return the strength of friction at a speed over that at rest, by weakening."""
     speed = np.geomspace(1e-4, 0.1, 200)
     return {
@@ -147,7 +147,7 @@ def _compute_strengths() -> Curves:
     }
 
 
-def _compute_relaxations() -> Curves:
+def compute_relaxations() -> Curves:
     """Return the stress after a step of stretch, over its first value, by spectrum."""
     time = np.geomspace(0.1, 1e4, 300)
     curves: Curves = {}
