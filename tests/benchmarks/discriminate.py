@@ -189,7 +189,9 @@ def _select_rivals(problem: LibraryProblem, baseline: CandidateFit, true: str) -
 def trial(seed: int, repeats: int) -> dict[str, Any]:
     """Return the predictions for two protocols of one muscle, and their results."""
     envelope, problem, a, b, rejected_count = draw_tie(seed)
-    true = np.array([envelope.true_values[name] for name in problem.names])
+    # The lengths were set without an error.
+    neutral = dict(zip(problem.names, problem.neutral, strict=True))
+    true = np.array([envelope.true_values.get(name, neutral[name]) for name in problem.names])
     stage, first, second = SimulatedTestbed.from_fit(problem, a), a.ids[-1], b.ids[-1]
     menu = evaluate_protocols(stage, a, b, (first, second))
     worse = b.estimate.chi2_with_priors - a.estimate.chi2_with_priors
