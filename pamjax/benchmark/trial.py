@@ -201,8 +201,8 @@ class Trial:
         return json.dumps({_FILE_KEYS.get(k, k): v for k, v in values.items()}, allow_nan=False)
 
 
-#: Keys of trials.jsonl for the fields of a trial; the other keys have the name of their field. A bank has
-#: only one of the two kinds of ties.
+#: Keys of trials.jsonl that differ from the fields: earlier names, kept so that published files stay
+#: readable. A bank has only one of the two kinds of ties.
 _FILE_KEYS = {
     "trial_index": "number", "parameters": "numbers",
     "verified_ties": "stand_ins", "reported_ties": "stand_ins",

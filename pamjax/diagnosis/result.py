@@ -166,7 +166,7 @@ class Diagnosis(DrawableResult, NotebookNote):
             ],
             "unexplained": {
                 "detected": self.unexplained,
-                # The choice decides: this probability is not calibrated.
+                # 0 or 1: whether the misfit counts as unexplained, not a calibrated probability.
                 "probability": float(self.unexplained),
                 "p_value": self.residual_test.p_value,
                 "share": self.residual_share,

@@ -148,7 +148,7 @@ def diagnose(
     case = ensure_case(case)
     progress("compiling", 0.0)
     problem = build_library_problem(case, settings)
-    problem.compile()
+    problem.start_compilation()
     blocks_of_case = find_blocks(case.recording)
     held_out_rows = select_held_out_rows(blocks_of_case, problem.settings)
     training = _test_baseline(problem, blocks_of_case, ~held_out_rows, seed)
@@ -234,7 +234,7 @@ def _replace_by_templates(
 
 
 def _confirm_on_blocks(training: _Training, tested: _TestedSelection) -> _TestedSelection:
-    """Return the mechanisms that also predict excluded blocks; less certain if a part is unexplained.
+    """Return the mechanisms that also predict left-out blocks; less certain if a part is unexplained.
 
     Mechanisms can absorb physics outside the library, so that the residual is no longer significant.
     """
@@ -251,16 +251,17 @@ def _confirm_on_blocks(training: _Training, tested: _TestedSelection) -> _Tested
     )
     unexplained = confirmed.unexplained or not is_predictive
     if unexplained:
-        names = selection.named_mechanisms
-        names = shrink_to_even_odds(names, problem.settings, {name.id for name in names})
-        selection = replace(selection, named_mechanisms=names)
+        mechanisms = selection.named_mechanisms
+        ids = {mechanism.id for mechanism in mechanisms}
+        mechanisms = shrink_to_even_odds(mechanisms, problem.settings, ids)
+        selection = replace(selection, named_mechanisms=mechanisms)
     return replace(confirmed, selection=selection, unexplained=unexplained)
 
 
 def _test_selection(
     training: _Training, selection: Selection, replacements: Sequence[str]
 ) -> _TestedSelection:
-    """Test the residual beyond form errors; without mechanisms, the test is that of the baseline."""
+    """Return the selection with the test of its residual beyond form errors."""
     problem, mismatch = training.problem, training.mismatch
     residual_test = (
         run_residual_test(problem, add_form_errors(problem, selection.model), training.seed)
@@ -273,7 +274,7 @@ def _test_selection(
 
 
 def _fit_all_rows(problem: LibraryProblem, selection: Selection) -> _FinalFit:
-    """Refit the baseline, and the model with the selected mechanisms, to all rows."""
+    """Return the baseline and the model with the selected mechanisms, refitted to all rows."""
     all_rows = np.ones(problem.n, dtype=bool)
     # The reported baseline is that of `fit`, which takes the noise as stated.
     baseline = fit_candidate(problem, all_rows, (), selection.baseline.estimate.values, max_noise_ratio=1.0)
@@ -297,7 +298,7 @@ def _list_changes(
 
 
 def _fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarray) -> CandidateFit:
-    """Refit the selected model to some rows; a baseline without mechanisms is returned unchanged."""
+    """Return the selected model, refitted to some rows; a baseline without mechanisms is unchanged."""
     fit = selection.model
     return (
         fit_with_misfit_weight(problem, rows, fit.mechanisms, selection.start_values)
@@ -307,11 +308,12 @@ def _fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarr
 
 
 def _state_form_errors(selection: Selection, parts: dict[str, FormErrorPart]) -> Selection:
-    names = tuple(
-        replace(name, form_error=parts[name.id].ratio if name.id in parts else None)
-        for name in selection.named_mechanisms
+    """Return the selection with the size of the form error of each mechanism."""
+    mechanisms = tuple(
+        replace(mechanism, form_error=parts[mechanism.id].ratio if mechanism.id in parts else None)
+        for mechanism in selection.named_mechanisms
     )
-    return replace(selection, named_mechanisms=names)
+    return replace(selection, named_mechanisms=mechanisms)
 
 
 def _compute_residual_share(problem: LibraryProblem, baseline: CandidateFit, model: CandidateFit) -> float:

@@ -44,7 +44,11 @@ from pamjax.diagnosis.next_experiment.experiment import (
 )
 from pamjax.diagnosis.next_experiment.power import compute_power_and_limit
 from pamjax.diagnosis.next_experiment.protocols import PROTOCOL_MENU
-from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed, compute_contrast, get_direct_readings
+from pamjax.diagnosis.next_experiment.testbed import (
+    SimulatedTestbed,
+    get_direct_readings,
+    linearise_difference,
+)
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
 from pamjax.diagnosis.select.neighbour_fits import shortlist_candidates
@@ -199,7 +203,7 @@ def trial(seed: int, repeats: int) -> dict[str, Any]:
     results = []
     for kind, experiment in select_protocols(menu).items():
         (protocol,) = (p for p in PROTOCOL_MENU if p.id == experiment.id)
-        delta, of_a, of_b = compute_contrast(stage, protocol, a, b)
+        delta, of_a, of_b = linearise_difference(stage, protocol, a, b)
         back, back_limit = compute_power_and_limit(-delta, of_b, of_a)
         moves = []
         for _ in range(repeats):

@@ -1,1 +1,1 @@
-"""Test the selected mechanisms on held-out blocks."""
+"""Cross-validate the selection on the training blocks; compute the errors on the held-out blocks."""

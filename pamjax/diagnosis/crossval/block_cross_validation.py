@@ -100,9 +100,9 @@ class BlockCrossValidation:
         expected_excesses = np.array([block_fit.expected_excess for block_fit in self.block_fits])
         # Skip a block if no other block constrains one of the amplitudes.
         informed_blocks = self._select_informed_blocks(self.fit.mechanisms) & (
-            expected_excesses < [held_out_noise.size for _, held_out_noise in self.noise_splits]
+            expected_excesses < [left_out_noise.size for _, left_out_noise in self.noise_splits]
         )
-        size = np.array([held_out_noise.size for _, held_out_noise in self.noise_splits])[informed_blocks]
+        size = np.array([left_out_noise.size for _, left_out_noise in self.noise_splits])[informed_blocks]
         excess = np.array(
             [block_fit.excess_chi2 - block_fit.expected_excess for block_fit in self.block_fits]
         )[informed_blocks]
@@ -126,7 +126,7 @@ class BlockCrossValidation:
             np.array([block_fit.excess_chi2 for block_fit in fits])
             for fits in (self.block_fits, self._baseline.block_fits)
         )
-        return _compute_explained_share(
+        return _compute_explained_fraction(
             excess_with[informed_blocks].sum(),
             excess_without[informed_blocks].sum(),
             excess_without.sum(),
@@ -182,8 +182,8 @@ class BlockCrossValidation:
             values,
             _remove_form_errors(self.fit.noise, removed_ids),
             [
-                (_remove_form_errors(training, removed_ids), _remove_form_errors(held_out, removed_ids))
-                for training, held_out in self.noise_splits
+                (_remove_form_errors(training, removed_ids), _remove_form_errors(left_out, removed_ids))
+                for training, left_out in self.noise_splits
             ],
             self.fixed_indices,
         )
@@ -239,7 +239,7 @@ def _remove_form_errors(noise: NoiseModel, ids: set[str]) -> NoiseModel:
     return noise.remove_columns(ids) if isinstance(noise, DiscrepancyNoise) else noise
 
 
-def _compute_explained_share(
+def _compute_explained_fraction(
     excess_with: float, excess_without: float, total_excess: float, min_information_share: float
 ) -> float:
     """Return the explained fraction of an excess; 1 if the excess without mechanisms is too small."""
@@ -285,7 +285,7 @@ def _fit_without_blocks(
     free = sorted({*baseline_indices, *get_parameter_indices(problem, mechanisms)})
 
     def fit_without_block(split: tuple[tuple[NoiseModel, NoiseModel], set[int]]) -> _LeftOutBlock:
-        (training_noise, held_out_noise), fixed = split
+        (training_noise, left_out_noise), fixed = split
         estimate = fit_parameters(
             problem,
             training_noise,
@@ -298,22 +298,22 @@ def _fit_without_blocks(
         ]
         corrected_values = (
             fit_parameters(
-                problem, held_out_noise, unknown_indices, estimate.values, problem.settings.rough_evaluations
+                problem, left_out_noise, unknown_indices, estimate.values, problem.settings.rough_evaluations
             ).values
             if unknown_indices
             else estimate.values
         )
         shared_positions = [j for j, k in enumerate(estimate.free) if k not in unknown_indices]
-        held_out_estimate = evaluate_estimate(
-            problem, held_out_noise, [estimate.free[j] for j in shared_positions], corrected_values
+        left_out_estimate = evaluate_estimate(
+            problem, left_out_noise, [estimate.free[j] for j in shared_positions], corrected_values
         )
-        by_value = held_out_estimate.jacobian / np.where(
-            held_out_estimate.scale != 0, held_out_estimate.scale, 1.0
+        by_value = left_out_estimate.jacobian / np.where(
+            left_out_estimate.scale != 0, left_out_estimate.scale, 1.0
         )
         expected_excess = float(
             np.sum(by_value @ estimate.covariance[np.ix_(shared_positions, shared_positions)] * by_value)
         )
-        return _LeftOutBlock(held_out_estimate.chi2 - held_out_estimate.residual.size, expected_excess)
+        return _LeftOutBlock(left_out_estimate.chi2 - left_out_estimate.residual.size, expected_excess)
 
     return parallel_map(fit_without_block, list(zip(noise_splits, fixed_indices, strict=True)))
 

@@ -62,8 +62,10 @@ def cross_validate_selection(
 
 def format_dropped_mechanisms(before: Selection, after: Selection) -> list[str]:
     """Return a note on the mechanisms that cross-validation dropped, if there are any."""
-    named_ids = {name.id for name in after.named_mechanisms}
-    dropped_ids = [f"`{name.id}`" for name in before.named_mechanisms if name.id not in named_ids]
+    named_ids = {mechanism.id for mechanism in after.named_mechanisms}
+    dropped_ids = [
+        f"`{mechanism.id}`" for mechanism in before.named_mechanisms if mechanism.id not in named_ids
+    ]
     if not dropped_ids:
         return []
     its, is_not = ("its", "it is") if len(dropped_ids) == 1 else ("their", "they are")

@@ -136,7 +136,7 @@ class LibraryProblem:
             for k in np.flatnonzero((values != self.neutral) & self.is_switch)
         }
 
-    def compile(self) -> None:
+    def start_compilation(self) -> None:
         """Start to compile both programs in parallel; the first use of each waits for it."""
         for dataset in (self.reduced_dataset, self.dataset):
             programs.start_compilation(

@@ -15,7 +15,7 @@ from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.power import compute_power_and_limit
 from pamjax.diagnosis.next_experiment.protocols import PROTOCOL_MENU
-from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed, compute_contrast
+from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed, linearise_difference
 from pamjax.diagnosis.refit.candidate_fit import (
     CandidateFit,
     build_corrected_fit,
@@ -121,7 +121,7 @@ def evaluate_protocols(
     out, settings = [], testbed.problem.settings
     for protocol in PROTOCOL_MENU:
         power, chi2_limit = compute_power_and_limit(
-            *compute_contrast(testbed, protocol, fit, rival_fit),
+            *linearise_difference(testbed, protocol, fit, rival_fit),
             draws=settings.power_draws,
             false_alarm_rate=settings.false_alarm_rate,
         )

@@ -157,7 +157,7 @@ def _estimate_rig_limits(
     )
 
 
-def compute_contrast(
+def linearise_difference(
     testbed: SimulatedTestbed, protocol: PlannedProtocol, a: CandidateFit, b: CandidateFit
 ) -> tuple[np.ndarray, LinearisedModel, LinearisedModel]:
     """Return the whitened difference of two models on a protocol, (m,), and both linearised models."""

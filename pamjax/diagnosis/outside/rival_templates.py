@@ -94,7 +94,7 @@ def _fit_best_template(
 ) -> TemplateFit | None:
     """Return the fit with the template that explains most of its residual; None if no template applies."""
     tolerant_fit = add_form_errors(problem, fit)
-    gains = compute_template_gains(tolerant_fit, templates)
+    gains = compute_cost_reductions(tolerant_fit, templates)
     if not np.isfinite(gains).any():
         return None
     best = templates[int(np.argmax(gains))]
@@ -147,7 +147,7 @@ def list_likenesses(
     return tuple(out.values())
 
 
-def compute_template_gains(fit: CandidateFit, templates: Sequence[Template]) -> np.ndarray:
+def compute_cost_reductions(fit: CandidateFit, templates: Sequence[Template]) -> np.ndarray:
     """Return by template the reduction of −2 ln L + k ln n in the linear model; −∞ where it has no effect."""
     return compute_explained_chi2(fit, templates) - _compute_penalties(fit, templates)
 

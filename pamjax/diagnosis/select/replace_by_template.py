@@ -47,8 +47,8 @@ def replace_by_template(
     if better is None:
         return selection, []
     better = _remove_mechanisms(problem, templates, better)
-    kept = [name for name in selection.named_mechanisms if name.id in better.fit.ids]
-    ids = [f"`{name.id}`" for name in selection.named_mechanisms if name not in kept]
+    kept = [mechanism for mechanism in selection.named_mechanisms if mechanism.id in better.fit.ids]
+    ids = [f"`{mechanism.id}`" for mechanism in selection.named_mechanisms if mechanism not in kept]
     note = f"{better.template.description} explains the misfit better than {join_words(ids)}"
     return restrict_selection(problem, training_rows, selection, kept), [f"{note[0].upper()}{note[1:]}."]
 

@@ -158,7 +158,7 @@ def restrict_selection(
     named_mechanisms: Sequence[NamedMechanism],
 ) -> Selection:
     """Return the selection with some of its mechanisms only, refitted if others are dropped."""
-    ids = {name.id for name in named_mechanisms}
+    ids = {mechanism.id for mechanism in named_mechanisms}
     if len(ids) == len(selection.model.mechanisms):
         return replace(selection, named_mechanisms=_rank_mechanisms(named_mechanisms))
     values = selection.start_values

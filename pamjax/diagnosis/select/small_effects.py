@@ -173,9 +173,9 @@ class _SmallEffectSearch:
             reduced_fit.estimate.chi2_with_priors - extended_fit.estimate.chi2_with_priors, candidate
         )
 
-    def _is_significant(self, gain: float, candidate: Candidate) -> bool:
+    def _is_significant(self, chi2_reduction: float, candidate: Candidate) -> bool:
         return is_reduction_significant(
-            gain,
+            chi2_reduction,
             len(candidate.free_parameters),
             len(self.candidates),
             self.problem.settings.false_addition_probability,

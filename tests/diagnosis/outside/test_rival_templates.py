@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.outside.rival_templates import compute_explained_chi2, compute_template_gains
+from pamjax.diagnosis.outside.rival_templates import compute_cost_reductions, compute_explained_chi2
 from pamjax.diagnosis.outside.templates import Template
 from tests.agreement import SOLVED, agree
 from tests.diagnosis.plain_fits import build_fit
@@ -50,6 +50,6 @@ def test_a_template_that_the_parameters_imitate_explains_nothing(fit):
 def test_one_of_many_places_costs_more(fit):
     shape = np.random.default_rng(9).standard_normal(N)
     templates = [build_template(shape), build_template(shape, share=1 / 24)]
-    first, second = compute_template_gains(fit, templates)
+    first, second = compute_cost_reductions(fit, templates)
     agree(first - second, 2 * math.log(24), SOLVED)
     agree(compute_explained_chi2(fit, templates)[0] - first, math.log(N), SOLVED)
