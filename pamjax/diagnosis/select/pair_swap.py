@@ -2,10 +2,10 @@
 
 A stepwise search detects a wrong first mechanism only if the residual is large. Two wrong mechanisms often
 leave a small residual: bladder and friction imitate a wrong gain and an offset of a sensor to a tenth of
-the noise. Therefore every two mechanisms are replaced together. If the residual exceeds the noise, one and none are replaced as
-well. Of three effects, a search may have identified one and a substitute for the other two. In the linear
-approximation the reduction of χ² by all pairs of candidates a, b follows from the score directions d and the
-residual r,
+the noise. Therefore every two mechanisms are replaced together. If the residual exceeds the noise, one and
+none are replaced as well. Of three effects, a search may have identified one and a substitute for the other
+two. In the linear approximation the reduction of χ² by all pairs of candidates a, b follows from the score
+directions d and the residual r,
 
     Δχ²(a, b) = yᵀ G⁻¹ y,     y = D r,     G = D Dᵀ,     D = (d_a, d_b).
 
