@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pamjax
-from pamjax.diagnosis.crossval.block_cross_validation import _compute_explained_share
+from pamjax.diagnosis.crossval.block_cross_validation import _compute_explained_fraction
 from pamjax.diagnosis.crossval.held_out_errors import select_held_out_rows
 from pamjax.diagnosis.detect.locate import _find_direction
 from pamjax.diagnosis.detect.regions import RecordingAxes, split_into_regions
@@ -222,7 +222,7 @@ OFFER = [Experiment("short", ("a", "b"), 0.8, 5.0), Experiment("long", ("a", "b"
         (reduce_probability, {"doubtful_certainty_share": 1.0}, 0.7, 0.9),
         (count_held_out, {"held_out_interval": 3}, 2, 3),
         (
-            lambda s: _compute_explained_share(5.0, 10.0, 100.0, s.min_information_share),
+            lambda s: _compute_explained_fraction(5.0, 10.0, 100.0, s.min_information_share),
             {"min_information_share": 0.2},
             0.5,
             1.0,
