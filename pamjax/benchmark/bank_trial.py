@@ -53,7 +53,7 @@ def run_bank_trial(task: TrialTask) -> Trial:
 
 def _compare_with_key(bank_recording: BankRecording, diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the fields of a trial that a diagnosis determines."""
-    names = diagnosis.established_mechanisms
+    names = diagnosis.named_mechanisms
     concealed_ids = {effect.id for effect in bank_recording.effects if effect.in_library}
     named_ids = tuple(name.id for name in names)
     ties = tuple(tuple(name.indistinguishable) for name in names)
@@ -100,20 +100,20 @@ def _compare_usual_parameters(
 
 
 def _compute_held_out_ratios(diagnosis: Diagnosis) -> tuple[float, ...]:
-    """Return for each established mechanism the held-out error with it over that without it.
+    """Return for each named mechanism the held-out error with it over that without it.
 
     Both models are refitted without the held-out blocks. The error is the rms over force and diameter in
     noise standard deviations. Above one, the mechanism makes the prediction worse. Empty without
     held-out blocks.
     """
     problem, held_out = diagnosis.problem, diagnosis.held_out_errors.held_out
-    names = {name.id for name in diagnosis.established_mechanisms}
+    names = {name.id for name in diagnosis.named_mechanisms}
     if not held_out.any() or not names:
         return ()
     mechanisms = tuple(m for m in diagnosis.model.mechanisms if m.id in names)
     full = fit_candidate(problem, ~held_out, mechanisms, diagnosis.model.estimate.values)
     error, out = _compute_held_out_error(problem, full, full, held_out), []
-    for name in diagnosis.established_mechanisms:
+    for name in diagnosis.named_mechanisms:
         others = tuple(m for m in mechanisms if m.id != name.id)
         values = full.estimate.values
         for candidate in (m for m in mechanisms if m.id == name.id):

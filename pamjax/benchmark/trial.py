@@ -275,7 +275,7 @@ def score_recording(case: Case, seed: int = 0) -> Significance:
 def _compare_with_truth(
     ground_truth: GroundTruth, diagnosis: Diagnosis, with_competitors: bool
 ) -> dict[str, Any]:
-    names = diagnosis.established_mechanisms
+    names = diagnosis.named_mechanisms
     noise = _compute_noise_sd(diagnosis)
     values: dict[str, Any] = {
         "p_value": diagnosis.mismatch.p_value,

@@ -19,8 +19,8 @@ from pamjax.errors import compose_message, suggest_word
 _MIN_SIMILARITY = 0.7
 
 #: Parameters of the library in a message, as patterns, and the options that set them.
-PARAMETER_PATTERNS = {
-    r"`(law|case)`": r"`--\1`",
+_PARAMETER_PATTERNS = {
+    r"`(law|case|to)`": r"`--\1`",
     r"`fold_count`": "`folds`",
     r'`mechanisms=\["(\w+)"\]`': r"`--with \1`",
     r'`loss="(\w+)"`': r"`--loss \1`",
@@ -33,7 +33,7 @@ def name_options(message: str) -> str:
     >>> name_options("`case` needs a fit.json. Omit `case`.")
     '`--case` needs a fit.json. Omit `--case`.'
     """
-    for pattern, option in PARAMETER_PATTERNS.items():
+    for pattern, option in _PARAMETER_PATTERNS.items():
         message = re.sub(pattern, option, message)
     return message
 

@@ -120,17 +120,8 @@ class Diagnosis(DrawableResult, NotebookNote):
 
     @property
     def named_mechanisms(self) -> tuple[NamedMechanism, ...]:
-        """Return the identified mechanisms, most probable first."""
+        """Return the named mechanisms, most probable first; cross-validation dropped the improbable ones."""
         return self.selection.named_mechanisms
-
-    @property
-    def established_mechanisms(self) -> tuple[NamedMechanism, ...]:
-        """Return the identified mechanisms with at least the probability `established_probability`."""
-        return tuple(
-            mechanism
-            for mechanism in self.named_mechanisms
-            if mechanism.probability >= self.settings.established_probability
-        )
 
     @property
     def is_detected(self) -> bool:
@@ -161,9 +152,7 @@ class Diagnosis(DrawableResult, NotebookNote):
                 "p_value": self.mismatch.p_value,
                 "where": [_serialise_box(b) for b in self.mismatch_boxes] if self.is_detected else [],
             },
-            "missing_physics": [
-                _serialise_mechanism(self, mechanism) for mechanism in self.established_mechanisms
-            ],
+            "missing_physics": [_serialise_mechanism(self, mechanism) for mechanism in self.named_mechanisms],
             "unexplained": {
                 "detected": self.unexplained,
                 # 0 or 1: whether the misfit counts as unexplained, not a calibrated probability.

@@ -227,7 +227,7 @@ class DiagnosisSettings:
         "Refit an alternative to the minimum if its rough refit increases the BIC by less than this",
         "slower; more alternatives are refitted")
     established_probability: float = _select(0.5, "1", 0.0, 1.0,
-        "Report a mechanism as established if its probability is at least this",
+        "Name a mechanism if its probability is at least this",
         "fewer mechanisms are reported")
     restart_pair_count: int = _select(3, "count", 0, 100,
         "Restart a search with a large residual from this many pairs",

@@ -177,10 +177,10 @@ def test_disk_error_gives_one_error_line(bench, tmp_path, capsys):
         (
             "thread.modulus",
             "5 kg",
-            "this value must have a unit that converts to Pa; got 'kg' in --to",
+            "this value must have a unit that converts to Pa; got 'kg' in `--to`",
         ),
-        ("thread.modulus", "5 flurbs", "unknown unit 'flurbs' (--to). Write it in Pa."),
-        ("muscle.turns", "3 mm", "a dimensionless value has no unit; got 'mm' in --to"),
+        ("thread.modulus", "5 flurbs", "unknown unit 'flurbs' (`--to`). Write it in Pa."),
+        ("muscle.turns", "3 mm", "a dimensionless value has no unit; got 'mm' in `--to`"),
     ],
 )
 def test_option_with_a_wrong_unit(goal, to, message, bench, tmp_path, capsys):

@@ -141,7 +141,8 @@ def list_missing(diagnosis: Diagnosis, injected: Iterable[str]) -> list[str]:
     """Return the injected ids that neither a reported mechanism nor one of its ties has."""
     reported = {
         id
-        for mechanism in diagnosis.established_mechanisms
+        for mechanism in diagnosis.named_mechanisms
+        if mechanism.probability >= diagnosis.settings.established_probability
         for id in (mechanism.id, *mechanism.indistinguishable)
     }
     return [id for id in injected if id not in reported]

@@ -58,7 +58,7 @@ def plan(
         json: print one JSON document.
     """
     from pamjax.compile.jax_cache import keep_compiled
-    from pamjax.errors import BadInput, refuse
+    from pamjax.errors import refuse
     from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
 
     check_writable(out)
@@ -91,11 +91,7 @@ def plan(
 
     with show_progress(quiet=json) as progress:
         progress("choosing runs", 0.0)
-        try:
-            result = choose_runs(muscle, rig, goal, to, minutes=minutes, law=law, seed=seed)
-        except BadInput as error:
-            # The library names its parameter; a user of the command line knows the option.
-            raise BadInput(str(error).replace("`to`", "--to")) from error
+        result = choose_runs(muscle, rig, goal, to, minutes=minutes, law=law, seed=seed)
     files = save_plan(result, out)
     if figures or report:
         from hashlib import sha256

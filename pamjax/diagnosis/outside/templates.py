@@ -91,16 +91,15 @@ class TemplateContext:
 def build_templates(context: TemplateContext) -> list[Template]:
     """Return every template at every place; those that the recording cannot show are left out."""
     out = []
-    for id, build in TEMPLATES.items():
-        form_error = _FORM_ERRORS.get(id, FormError())
+    for id, family in TEMPLATES.items():
         variants = [
             (says, np.stack([_fill_channels(column) for column in columns]))
-            for says, columns in build(context)
+            for says, columns in family.build(context)
         ]
         variants = [(says, columns) for says, columns in variants if np.abs(columns).sum() > 0]
         # An interference has one of all frequencies, of which the largest are built.
         places = max(len(variants), context.length.size if id == "interference" else 0)
-        out += [Template(id, says, columns, 1 / places, form_error) for says, columns in variants]
+        out += [Template(id, says, columns, 1 / places, family.form_error) for says, columns in variants]
     return out
 
 
@@ -217,25 +216,38 @@ def _build_stuck_lengths(context: TemplateContext) -> Variants:
 
 
 def _find_repeated_readings(values: np.ndarray, min_run: int) -> np.ndarray:
-    """Return the rows, (n,), that repeat the reading before them, in runs of a number or more."""
+    """Return the rows, (n,), that repeat the reading before them, in runs of at least `min_run` readings."""
     number = np.cumsum(np.diff(values, prepend=np.nan) != 0)
     sizes = np.bincount(number)[number]
     first = np.diff(number, prepend=0) != 0
     return (sizes >= min_run) & ~first
 
 
-#: Templates by family.
-TEMPLATES: dict[str, Callable[[TemplateContext], Variants]] = {
-    "zero_step": _build_zero_steps,
-    "thread_break": _build_thread_breaks,
-    "stop": _build_stops,
-    "buckling": _build_buckling,
-    "clipping": _build_clipping,
-    "length_ripple": _build_length_ripples,
-    "interference": _build_interference,
-    "single_block": _build_single_blocks,
-    "stuck_length": _build_stuck_lengths,
-}
+@dataclass(frozen=True)
+class TemplateFamily:
+    """The templates of one effect.
 
-#: Where the shape of a family is inexact; the shapes of the other families are exact.
-_FORM_ERRORS = {"buckling": FormError(("pressure", "pressure^2", "length", "length^2", "pressure length"))}
+    Attributes:
+        build: yields a description and the columns of each variant.
+        form_error: where the shape may be inexact; nowhere by default.
+    """
+
+    build: Callable[[TemplateContext], Variants]
+    form_error: FormError = field(default_factory=FormError)
+
+
+#: The course of the force of a bent muscle is not known.
+_BENDING_FORM_ERROR = FormError(("pressure", "pressure^2", "length", "length^2", "pressure length"))
+
+#: Templates by family.
+TEMPLATES = {
+    "zero_step": TemplateFamily(_build_zero_steps),
+    "thread_break": TemplateFamily(_build_thread_breaks),
+    "stop": TemplateFamily(_build_stops),
+    "buckling": TemplateFamily(_build_buckling, _BENDING_FORM_ERROR),
+    "clipping": TemplateFamily(_build_clipping),
+    "length_ripple": TemplateFamily(_build_length_ripples),
+    "interference": TemplateFamily(_build_interference),
+    "single_block": TemplateFamily(_build_single_blocks),
+    "stuck_length": TemplateFamily(_build_stuck_lengths),
+}

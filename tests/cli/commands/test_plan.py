@@ -49,7 +49,7 @@ def test_report_of_a_plan_agrees_with_its_json(planned):
         (["--goal", "thread.modulos"], "Did you mean `thread.modulus`?"),
         (["--goal", "all", "--to", "5 %"], "no wanted standard deviation"),
         (["--to", "5 N"], "unit"),
-        (["--to", "5"], "this value needs a unit; got '5' in --to."),
+        (["--to", "5"], "this value needs a unit; got '5' in `--to`."),
         (["--to", "0 %"], "must be positive"),
         (["--minutes", "1"], "the shortest run of this rig takes 1.5 min"),
         (["--tell", "braid_friction"], "`--tell` needs two mechanisms"),
