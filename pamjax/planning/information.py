@@ -374,15 +374,11 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
             channel
         )
         channel_rig = replace(channel_rig, length_sd=0.0) if sd else channel_rig
-        samples_per_independent = (
-            max(channel_noise.rms_over_noise, 1.0) ** 2 * channel_noise.autocorrelation_time
-        )
+        rms_over_noise = max(channel_noise.rms_over_noise, 1.0)
+        samples_per_independent = rms_over_noise**2 * channel_noise.autocorrelation_time
         channel_information = replace(recorded_information, capabilities=channel_rig)
-        matrix = (
-            matrix
-            + channel_information.compute_information(case, label, 1, values, setting)[0]
-            / samples_per_independent
-        )
+        information, *_ = channel_information.compute_information(case, label, 1, values, setting)
+        matrix = matrix + information / samples_per_independent
     updated_matrix = prior_information.matrix.copy()
     updated_matrix[: len(shared_parameters), : len(shared_parameters)] = _marginalise(
         matrix, len(shared_parameters)
