@@ -1,11 +1,11 @@
-"""AR(1) noise of a channel in a posterior, with parameters: standard deviation and lag-one correlation.
+"""Noise of a channel in a posterior, with parameters: the sensor's standard deviation and correlation.
 
-Sample i of a channel has the residual e_i. With the sensor's sd σ and the sd c_i of the noise of pressure and
-length, propagated through the model,
+It is the noise of `infer/noise/ar1_filter.py`, which `fit` and `diagnose` use. Sample i has the residual e_i.
+With the sensor's sd σ and the sd c_i of the noise of pressure and length, propagated through the model,
 
-    s_i = e_i / sqrt(σ² + c_i²),      s_i | s_{i−1} ~ Normal(ρ s_{i−1}, 1 − ρ²)
+    s_i = e_i / sqrt(σ² + c_i²),      cov(s_i, s_i+k) = A ρ^k,      A = σ² / (σ² + mean c²)
 
-in every continuous run of samples. White noise has ρ = 0.
+for k ≥ 1 in every continuous run of samples. White noise has ρ = 0.
 
 Neglects: noise with several correlation times, such as white sensor noise with a slow misfit.
 `estimate_innovation_autocorrelation` estimates the remaining autocorrelation, which widens the posterior (see
@@ -21,7 +21,7 @@ import math
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from pamjax.channels import DISPLAY_UNIT, SI_UNIT
 from pamjax.infer.fitting.reweight import compute_si_residuals, estimate_noise_of_dataset
@@ -30,6 +30,7 @@ from pamjax.infer.noise.sensor_noise import compute_effective_sd
 from pamjax.infer.problem.dataset import CHANNELS, Dataset, estimate_starting_sd
 from pamjax.infer.problem.parameter_space import FreeParameter
 from pamjax.infer.problem.prior_limits import MIN_MISFIT_MEAN_SQUARE
+from pamjax.infer.problem.whitening import compute_filter, filter_samples, pack_samples
 from pamjax.parameter import Meaning
 from pamjax.records.case import Case
 
@@ -39,7 +40,7 @@ _MIN_LINKED_SAMPLES = 30
 _STATED_SD_FACTORS = (0.5, 200.0)
 #: Bounds of a sensor's sd without a stated sd, relative to a hundredth of the channel's range.
 _UNSTATED_SD_FACTORS = (0.01, 100.0)
-#: Bounds of a lag-one correlation; zero (white noise) is inside.
+#: Bounds of a sensor's correlation of neighbouring samples; zero (white noise) is inside.
 _CORRELATION_LIMITS = (-0.5, 0.9995)
 
 
@@ -55,10 +56,10 @@ class Ar1Likelihood(eqx.Module):
     Attributes:
         channel: 0 for force, 1 for diameter.
         sd_index: index of the channel's sd in the parameters.
-        correlation_index: index of its lag-one correlation, or -1 for none.
+        correlation_index: index of the correlation of its neighbouring samples, or -1 for none.
         measured: (n,) one for an informative sample, else zero.
-        has_predecessor: (n,) one if a measured sample precedes it in its run, else zero.
-        predecessor: (n,) row of that sample; None if it is always the previous row.
+        order: (n,) rows of the informative samples in the order of time, then padding.
+        position: (n,) position of each of them in its run; −1 for padding.
         propagated_sd: (n,) sd from the noise of pressure and length, propagated through the model, SI.
     """
 
@@ -66,8 +67,8 @@ class Ar1Likelihood(eqx.Module):
     sd_index: int = eqx.field(static=True)
     correlation_index: int = eqx.field(static=True)
     measured: Float[Array, " n"]
-    has_predecessor: Float[Array, " n"]
-    predecessor: Array | None
+    order: Int[Array, " n"]
+    position: Int[Array, " n"]
     propagated_sd: Float[Array, " n"]
 
     def standardise_innovations(
@@ -80,33 +81,47 @@ class Ar1Likelihood(eqx.Module):
             values: all parameters of the posterior, SI.
         """
         variance = values[self.sd_index] ** 2 + self.propagated_sd**2
-        s = misfit / jnp.sqrt(variance)
+        s, log_sd = misfit / jnp.sqrt(variance) * self.measured, 0.5 * jnp.log(variance)
         if self.correlation_index < 0:
-            return s * self.measured, 0.5 * jnp.log(variance)
-        correlation = values[self.correlation_index] * self.has_predecessor
-        previous = jnp.roll(s, 1) if self.predecessor is None else s[self.predecessor]
-        innovation_variance = 1 - correlation**2
-        return (s - correlation * previous) / jnp.sqrt(innovation_variance) * self.measured, 0.5 * jnp.log(
-            variance * innovation_variance
+            return s, log_sd
+        rho = values[self.correlation_index]
+        sample = jnp.where(self.position >= 0, s[self.order], 0.0)
+        feedback, innovation_sd = compute_filter(self._compute_fraction(values), rho, self.position)
+        white = filter_samples(sample, self.position, rho, feedback, innovation_sd)
+        # Padding has the row 0, to which it adds zero.
+        by_row = jnp.zeros_like(s).at[self.order]
+        return by_row.add(white), log_sd + by_row.add(
+            jnp.where(self.position >= 0, jnp.log(innovation_sd), 0.0)
         )
+
+    def _compute_fraction(self, values: Float[Array, " p"]) -> Array:
+        """Return A, the sensor's fraction of the variance."""
+        sensor_variance = values[self.sd_index] ** 2
+        propagated = jnp.sum(self.measured * self.propagated_sd**2) / jnp.sum(self.measured)
+        return sensor_variance / (sensor_variance + propagated)
 
     def compute_log_density(
         self, misfit: Float[Array, " n"], values: Float[Array, " p"]
     ) -> Float[Array, " n"]:
-        """Return the log-density of every sample given the previous one, in SI; zero if not informative."""
+        """Return the log-density of every sample given the earlier ones, in SI; zero if not informative."""
         innovation, log_sd = self.standardise_innovations(misfit, values)
         return (-0.5 * innovation**2 - log_sd - 0.5 * jnp.log(2 * jnp.pi)) * self.measured
 
     def compute_information(self, values: Float[Array, " p"]) -> Float[Array, "2 2"]:
-        """Return the expected information on (ln sd, correlation); (1, 1) is one without a correlation."""
+        """Return the expected information on (ln sd, correlation); (1, 1) is one without a correlation.
+
+        It is exact without propagated noise, and approximate with it.
+        """
         own_share = values[self.sd_index] ** 2 / (values[self.sd_index] ** 2 + self.propagated_sd**2)
-        n, pair_count = jnp.sum(self.measured * own_share**2), jnp.sum(self.has_predecessor)
+        n = jnp.sum(self.measured * own_share**2)
         if self.correlation_index < 0:
             return jnp.array([[2 * n, 0.0], [0.0, 1.0]])
         # The innovation variance σ²(1 − ρ²) and ρ are orthogonal; a sample gives 1/2 and 1/(1 − ρ²).
         correlation = values[self.correlation_index]
         innovation_variance = 1 - correlation**2
-        cross_information = -2 * correlation / innovation_variance * jnp.sum(self.has_predecessor * own_share)
+        own_share = jnp.where(self.position > 0, own_share[self.order], 0.0)
+        pair_count = jnp.sum(own_share**2)
+        cross_information = -2 * correlation / innovation_variance * jnp.sum(own_share)
         correlation_information = pair_count * (
             2 * correlation**2 / innovation_variance**2 + 1 / innovation_variance
         )
@@ -136,7 +151,7 @@ def build_noise_parameters(
         measured = np.isfinite(misfit[k]) & (np.asarray(dataset.rows.training_mask) > 0)
         if not measured.any():
             continue
-        predecessor, has_predecessor = _find_predecessors(measured[:n], case.recording.is_run_start)
+        order, position = _order_samples(measured, case.recording.is_run_start)
         neighbours = None if model is None else model.channels[k]
         own_sd = _estimate_own_sd(misfit[k][measured], propagated_sd[k][measured])
         if neighbours is not None:
@@ -150,23 +165,18 @@ def build_noise_parameters(
         parameters.append(
             _build_sd_parameter(f"{prefix}noise.{channel}", channel, own_sd, reference, stated_sd is not None)
         )
-        is_correlated = case.recording.has_time and has_predecessor.sum() >= _MIN_LINKED_SAMPLES
+        is_correlated = case.recording.has_time and np.sum(position > 0) >= _MIN_LINKED_SAMPLES
         if is_correlated:
-            s = np.where(measured, misfit[k], 0.0)[:n] / np.sqrt(own_sd**2 + propagated_sd[k][:n] ** 2)
+            s = misfit[k] / np.sqrt(own_sd**2 + propagated_sd[k] ** 2)
             parameters.append(
                 _build_correlation_parameter(
                     f"{prefix}noise.{channel}_correlation",
-                    _estimate_lag_one(s, predecessor, has_predecessor)
-                    if neighbours is None
-                    else neighbours.ar1_fraction * neighbours.correlation,
+                    _estimate_lag_one(s[order], position) if neighbours is None else neighbours.correlation,
                 )
             )
         sd_index = first_index + len(parameters) - (2 if is_correlated else 1)
-        likelihoods.append(
-            _build_ar1_likelihood(
-                k, sd_index, is_correlated, measured, predecessor, has_predecessor, propagated_sd[k]
-            )
-        )
+        arrays = (jnp.asarray(a) for a in (measured.astype(float), order, position, propagated_sd[k]))
+        likelihoods.append(Ar1Likelihood(k, sd_index, sd_index + 1 if is_correlated else -1, *arrays))
     return parameters, likelihoods
 
 
@@ -179,14 +189,12 @@ def estimate_innovation_autocorrelation(
     return estimate_autocorrelation_time(row, case.recording.is_run_start)
 
 
-def _find_predecessors(measured: np.ndarray, is_run_start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the row of the previous measured sample, and whether it is in the same run; (n,) each."""
-    n = measured.size
-    row = np.where(measured, np.arange(n), -1)
-    previous = np.concatenate([[-1], np.maximum.accumulate(row)[:-1]])
-    run_number = np.cumsum(is_run_start)
-    has_predecessor = measured & (previous >= 0) & (run_number[previous] == run_number)
-    return np.where(has_predecessor, previous, np.maximum(np.arange(n) - 1, 0)), has_predecessor
+def _order_samples(measured: np.ndarray, is_run_start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the measured rows in the order of time, and their positions in their runs; (n,) each, padded."""
+    rows = np.flatnonzero(measured[: is_run_start.size])
+    run_number = np.cumsum(is_run_start)[rows]
+    begins = np.diff(run_number, prepend=-1) != 0
+    return pack_samples(rows, begins, measured.size)
 
 
 def _estimate_own_sd(misfit: np.ndarray, propagated_sd: np.ndarray) -> float:
@@ -205,10 +213,10 @@ def _build_sd_parameter(
     return FreeParameter(name, meaning, float(np.clip(own_sd, 1.05 * low, 0.95 * high)))
 
 
-def _estimate_lag_one(s: np.ndarray, predecessor: np.ndarray, has_predecessor: np.ndarray) -> float:
-    """Return the correlation of neighbouring residuals."""
-    products = np.sum(s[has_predecessor] * s[predecessor[has_predecessor]])
-    return float(products / max(np.sum(s[has_predecessor] ** 2), 1e-300))
+def _estimate_lag_one(s: np.ndarray, position: np.ndarray) -> float:
+    """Return the correlation of neighbouring residuals, in the order of time."""
+    later = np.flatnonzero(position > 0)
+    return float(np.sum(s[later] * s[later - 1]) / max(np.sum(s[later] ** 2), 1e-300))
 
 
 def _build_correlation_parameter(name: str, lag_one: float) -> FreeParameter:
@@ -216,22 +224,3 @@ def _build_correlation_parameter(name: str, lag_one: float) -> FreeParameter:
     description = "correlation of the noise of neighbouring samples"
     meaning = Meaning("1", "1", low, high, "linear", description, "from alternating to almost constant noise")
     return FreeParameter(name, meaning, float(np.clip(lag_one, -0.4, 0.995)))
-
-
-def _build_ar1_likelihood(
-    channel, sd_index, is_correlated, measured, predecessor, has_predecessor, propagated_sd
-) -> Ar1Likelihood:
-    def pad(array):
-        return jnp.asarray(np.concatenate([array, np.zeros(measured.size - array.size)]))
-
-    rows = np.concatenate([predecessor, np.zeros(measured.size - predecessor.size, dtype=int)])
-    adjacent = bool(np.all(predecessor[has_predecessor] == np.flatnonzero(has_predecessor) - 1))
-    return Ar1Likelihood(
-        channel=channel,
-        sd_index=sd_index,
-        correlation_index=sd_index + 1 if is_correlated else -1,
-        measured=jnp.asarray(measured.astype(float)),
-        has_predecessor=pad(has_predecessor.astype(float)),
-        predecessor=None if adjacent else jnp.asarray(rows),
-        propagated_sd=jnp.asarray(propagated_sd),
-    )

@@ -111,7 +111,7 @@ def _build_unit_attributes(post: Posterior, name: str) -> dict[str, str]:
         return {"units": unit, "long_name": post.fit.estimates[name].meaning.about}
     return {
         "units": unit,
-        "long_name": "noise: " + ("standard deviation" if unit != "1" else "lag-one correlation"),
+        "long_name": "noise: " + ("standard deviation" if unit != "1" else "correlation of neighbours"),
     }
 
 

@@ -1,10 +1,10 @@
-"""Log-density of a posterior: the priors, and the likelihood of every sample given the sample before it.
+"""Log-density of a posterior: the priors, and the likelihood of every sample given the earlier ones.
 
-    ln p(u | data) = ln prior(u) + Σ over channels of power × Σ over samples of ln p(sample | previous sample)
+    ln p(u | data) = ln prior(u) + Σ over channels of power × Σ over samples of ln p(sample | earlier samples)
 
 The parameters of muscle and noise are in one `ParameterSpace`, with unbounded coordinates u.
 
-The power of a channel is one for AR(1) noise, see `ar1_likelihood.py`. With other noise, the innovations are
+The power of a channel is one for the noise of `ar1_likelihood.py`. With other noise, the innovations are
 correlated. If their autocorrelation time exceeds `_MAX_WHITE_AUTOCORRELATION_TIME`, the power is one over it.
 This widens the posterior.
 """
@@ -56,7 +56,7 @@ class PosteriorDensity(eqx.Module):
     space: ParameterSpace
 
     def compute_sample_log_densities(self, u: Float[Array, " p"]) -> list[list[Array]]:
-        """Return the log-density of every sample given the previous one, (n,) by dataset and channel."""
+        """Return the log-density of every sample given the earlier ones, (n,) by dataset and channel."""
         values = self.space.to_values(u)
         return [
             [

@@ -38,29 +38,21 @@ def add_noise(
 ) -> np.ndarray:
     """Return predictions with simulated sensor noise, (draws, rows), SI; NaN where nothing was measured."""
     n = case_fit.case.recording.n
-    measured, has_predecessor = (
-        np.asarray(a)[:n] > 0 for a in (likelihood.measured, likelihood.has_predecessor)
+    measured = np.asarray(likelihood.measured)[:n] > 0
+    sensor, propagated = np.random.default_rng([seed, 7, likelihood.channel]).standard_normal(
+        (2, n, len(values))
     )
-    predecessor = (
-        np.maximum(np.arange(n) - 1, 0)
-        if likelihood.predecessor is None
-        else np.asarray(likelihood.predecessor)[:n]
-    )
-    innovations = np.random.default_rng([seed, 7, likelihood.channel]).standard_normal((n, len(values)))
-    correlation = (
-        values[:, likelihood.correlation_index]
-        if likelihood.correlation_index >= 0
-        else np.zeros(len(values))
-    )
-    noise = np.zeros((n, len(values)))
-    for i in range(n):
-        noise[i] = (
-            correlation * noise[predecessor[i]] + np.sqrt(1 - correlation**2) * innovations[i]
-            if has_predecessor[i]
-            else innovations[i]
-        )
-    sd = np.sqrt(values[:, likelihood.sd_index, None] ** 2 + np.asarray(likelihood.propagated_sd)[:n] ** 2)
-    return np.where(measured, prediction[:, :n] + noise.T * sd, np.nan)
+    if likelihood.correlation_index >= 0:
+        correlation = values[:, likelihood.correlation_index]
+        pairs = zip(np.asarray(likelihood.order), np.asarray(likelihood.position), strict=True)
+        previous = 0
+        for row, position in pairs:
+            if position > 0:
+                sensor[row] = correlation * sensor[previous] + np.sqrt(1 - correlation**2) * sensor[row]
+            previous = row
+    propagated *= np.asarray(likelihood.propagated_sd)[:n, None]
+    noise = sensor * values[:, likelihood.sd_index] + propagated
+    return np.where(measured, prediction[:, :n] + noise.T, np.nan)
 
 
 def compute_block_log_likelihoods(
@@ -68,7 +60,7 @@ def compute_block_log_likelihoods(
 ) -> list[tuple[list[str], np.ndarray]]:
     """Return for each case the names of its blocks and their log-likelihoods at draws, (draws, blocks).
 
-    A sample's density is conditional on the sample before it, so the blocks sum to the log-likelihood.
+    A sample's density is conditional on the earlier ones, so the blocks sum to the log-likelihood.
 
     Args:
         density: the posterior density.

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from pamjax.diagnosis.library.candidates import build_candidates
+from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.outside.template_context import build_template_context
 from pamjax.diagnosis.outside.templates import build_templates
 from pamjax.diagnosis.refit.candidate_fit import fit_candidate
 from pamjax.diagnosis.select.replace_by_template import replace_by_template
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.records.blocks import find_blocks
-from tests.diagnosis.bank import BankRecording, diagnose_bank
+from tests.diagnosis.bank import BankRecording, simulate_bank
 
 pytestmark = pytest.mark.slow
 
@@ -24,7 +25,7 @@ IMITATORS = ("mullins_softening", "diameter_offset")
 def select_by_hand(unmodelled):
     """Return problem, rows, selection of friction and both imitators, and all templates."""
     definition = BankRecording(1, only=PRESENT, smallest=8.0, largest=8.0, unmodelled=unmodelled)
-    problem = diagnose_bank(definition).problem
+    problem = build_library_problem(simulate_bank(definition).case)
     rows = np.ones(problem.n, dtype=bool)
     baseline = fit_candidate(problem, rows, (), problem.neutral)
     candidates = {candidate.id: candidate for candidate in build_candidates(problem)}
