@@ -24,7 +24,9 @@ Neglects: fittings (mass, price), the ends of the bladder, fatigue, creep, tempe
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any, NamedTuple
 
 import jax
@@ -32,7 +34,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from pamjax.jit import compile_on_call
+from pamjax.jit import compile_on_call, list_compiler_options
 from pamjax.model import braid, wall
 from pamjax.model.balance import Status
 from pamjax.model.bench import Bench
@@ -256,13 +258,25 @@ def locate_output(name: str, point: int | None = None) -> int:
     return POINT_OUTPUTS.index(name) * POINT_COUNT + point
 
 
-@compile_on_call
-def _evaluate_candidate(
-    c, build: MuscleBuild, numbers: Numbers, points: OperatingPoints, ids: tuple[str, ...]
-):
-    return compute_outputs(c, build, numbers, points, ids), jax.jacfwd(compute_outputs)(
-        c, build, numbers, points, ids
-    )
+@cache
+def _compile_evaluation(structure: Any, shapes: tuple[tuple[int, ...], ...], ids: tuple[str, ...]):
+    """Return a program of the coordinates and of one array with all other inputs.
+
+    With one array per input, a call would take twice as long.
+    """
+    ends = np.cumsum([math.prod(shape) for shape in shapes])
+
+    def evaluate(c, packed):
+        parts = jnp.split(packed, ends[:-1])
+        leaves = [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
+        build, numbers, points = jax.tree.unflatten(structure, leaves)
+
+        def compute(c):
+            return compute_outputs(c, build, numbers, points, ids)
+
+        return compute(c), jax.jacfwd(compute)(c)
+
+    return jax.jit(evaluate, compiler_options=list_compiler_options())
 
 
 @compile_on_call
@@ -287,12 +301,19 @@ def _convert_to_arrays(tree: Any) -> Any:
     return jax.tree.map(lambda x: np.asarray(x, float), tree)
 
 
-def evaluate_candidate(
-    c, build: MuscleBuild, numbers: Numbers, points: OperatingPoints, ids: tuple[str, ...]
-):
-    """Return the outputs of one candidate and their Jacobian in the coordinates, (m,) and (m, 5)."""
-    y, jacobian = _evaluate_candidate(*_convert_to_arrays((c, build, dict(numbers), points)), ids=ids)
-    return np.asarray(y), np.asarray(jacobian)
+def build_evaluation(
+    build: MuscleBuild, numbers: Numbers, points: OperatingPoints, ids: tuple[str, ...]
+) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Return the function from coordinates, (5,), to the outputs and their Jacobian, (m,) and (m, 5)."""
+    leaves, structure = jax.tree.flatten(_convert_to_arrays((build, dict(numbers), points)))
+    packed = np.concatenate([leaf.ravel() for leaf in leaves])
+    program = _compile_evaluation(structure, tuple(leaf.shape for leaf in leaves), ids)
+
+    def evaluate(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        y, jacobian = program(np.asarray(c, float), packed)
+        return np.asarray(y), np.asarray(jacobian)
+
+    return evaluate
 
 
 def compute_hessian(

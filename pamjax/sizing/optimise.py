@@ -26,6 +26,8 @@ MARGIN_TOLERANCE = 1e-6
 _BINDING_MARGIN = 1e-5
 #: Largest number of steps of a search.
 _MAX_SEARCH_STEPS = 200
+#: The same for the smallest violation. Longer searches are at the limit of equilibrium: most steps fail.
+_MAX_VIOLATION_STEPS = 60
 METHODS = ("slsqp", "trust-constr")
 
 
@@ -166,7 +168,7 @@ def minimise_violation(
             bounds=[(0.0, 1.0)] * n + [(0.0, None)],
             constraints=[{"type": "ineq", "fun": margins, "jac": slopes}],
             method="SLSQP",
-            options={"maxiter": _MAX_SEARCH_STEPS, "ftol": 1e-12},
+            options={"maxiter": _MAX_VIOLATION_STEPS, "ftol": 1e-12},
         )
     z = np.clip(result.x[:n], 0.0, 1.0)
     z, violation = (z0, start_violation) if problem.is_unsolved(z) else (z, float(result.x[n]))

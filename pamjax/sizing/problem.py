@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,8 +15,8 @@ from pamjax.sizing.calibration import CalibrationTransfer
 from pamjax.sizing.candidate import (
     COORDINATES,
     MuscleBuild,
+    build_evaluation,
     compute_hessian,
-    evaluate_candidate,
     locate_output,
 )
 from pamjax.sizing.requirements import MIN_LOG_RATIO, SizingTask, compute_margin, compute_margin_slope
@@ -232,13 +233,15 @@ class SizingProblem:
         span = (self.high - self.low)[self.free_indices]
         return np.clip((c - self.low)[self.free_indices] / span, 0.0, 1.0)
 
+    @cached_property
+    def _evaluation(self) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        return build_evaluation(self.build, self.numbers, self.task.points, self.ids)
+
     def evaluate(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
         """Return f, its slope (free,), the margins (rows,) and their slopes (rows, free)."""
         key = z.tobytes()
         if key != self._cached[0]:
-            y, slope = evaluate_candidate(
-                self.to_coordinates(z), self.build, self.numbers, self.task.points, self.ids
-            )
+            y, slope = self._evaluation(self.to_coordinates(z))
             slope = slope[:, self.free_indices] * (self.high - self.low)[self.free_indices]
             is_unsolved = y[locate_output("unsolved")] > 0 or not (
                 np.all(np.isfinite(y)) and np.all(np.isfinite(slope))
