@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from pamjax.baselines.empirical import fit_gaylord, fit_sarosi
-from pamjax.errors import BadInput, refuse
+from pamjax.errors import BadInput
 from pamjax.infer.fitting.cross_validation import exclude_rows
 from pamjax.infer.fitting.fit import fit
 from pamjax.infer.fitting.least_squares import solve_least_squares
@@ -130,7 +130,9 @@ def compare(case: Case, fits: Sequence[Fit] = ()) -> Comparison:
     """
     recording = case.recording
     if "force" not in recording.channels:
-        raise refuse("a comparison of forces needs a measured force", "none", f"{case.name}/recording.csv")
+        raise BadInput.from_rule(
+            "a comparison of forces needs a measured force", "none", f"{case.name}/recording.csv"
+        )
     measured_rows = recording.usable & np.isfinite(recording.force)
     full_scale = float(np.abs(recording.force[measured_rows]).max())
     rows = measured_rows & (recording.force >= MAX_SLACK_FORCE_SHARE * full_scale)

@@ -22,6 +22,11 @@ class BadInput(ValueError):
     The command line prints it to standard error and exits with code 2.
     """
 
+    @classmethod
+    def from_rule(cls, rule: str, got: str = "", where: str = "", remedy: str = "") -> BadInput:
+        """Return the exception for a broken rule; the arguments are those of `compose_message`."""
+        return cls(compose_message(rule, got, where, remedy))
+
 
 class InputWarning(UserWarning):
     """A warning about a doubtful input that is still used."""
@@ -63,11 +68,6 @@ def format_printable(text: str, limit: int = MAX_PART_CHARACTERS) -> str:
     return _CONTROL_PATTERN.sub(lambda match: repr(match[0])[1:-1], text)
 
 
-def refuse(rule: str, got: str = "", where: str = "", remedy: str = "") -> BadInput:
-    """Return the exception for a broken rule; the caller raises it."""
-    return BadInput(compose_message(rule, got, where, remedy))
-
-
 def check_minimum(name: str, value: int, minimum: int) -> None:
     """Refuse a count that is too small.
 
@@ -75,7 +75,7 @@ def check_minimum(name: str, value: int, minimum: int) -> None:
         BadInput: with the name of the count.
     """
     if value < minimum:
-        raise refuse(f"`{name}` must be at least {minimum}", f"{value}")
+        raise BadInput.from_rule(f"`{name}` must be at least {minimum}", f"{value}")
 
 
 def suggest_word(word: str, valid_names: Iterable[str], listing: str = "") -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from pamjax.errors import BadInput, refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.model.parameters import list_meanings_by_law, list_parameters
 from pamjax.model.registry import ALTERNATIVES, MECHANISMS, list_mechanisms
 from pamjax.notebook import NotebookNote
@@ -80,7 +80,7 @@ def explain(name: str | None = None) -> Explanation:
 
 def _build_unknown_error(name: str) -> BadInput:
     hint = suggest_word(name, [*list_parameters(), *list_mechanisms()], listing="pamjax explain")
-    return refuse(f"unknown parameter or mechanism {name!r}", remedy=hint)
+    return BadInput.from_rule(f"unknown parameter or mechanism {name!r}", remedy=hint)
 
 
 def _list_everything() -> Iterator[str]:

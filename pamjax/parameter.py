@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 
 # Fits subtract forces of some kN with errors below 1 N: single precision is not sufficient.
 jax.config.update("jax_enable_x64", True)
@@ -114,7 +114,9 @@ def replace_values(model: ModelType, new_values: Mapping[str, Any]) -> ModelType
     parameters = list(list_values(model))
     for name in new_values:
         if name not in parameters:
-            raise refuse(f"this model has no parameter {name!r}", remedy=suggest_word(name, parameters))
+            raise BadInput.from_rule(
+                f"this model has no parameter {name!r}", remedy=suggest_word(name, parameters)
+            )
     names = list(new_values)
     # `tree_at` compares leaves by identity. `_iterate_parameters` returns the same objects.
     return eqx.tree_at(

@@ -10,7 +10,7 @@ import unicodedata
 from functools import cache
 from typing import TYPE_CHECKING
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 
 if TYPE_CHECKING:
     import numpy as np
@@ -88,11 +88,11 @@ def parse_unit(unit: str, kind: str, where: str = "", number: float = 1.0) -> fl
     if unit in ("", "1"):
         if kind == "count":
             return 1.0
-        raise refuse(
+        raise BadInput.from_rule(
             f"{_add_article(kind)} needs a unit", "none", where, f"Write one, such as {suggest_units(kind)}."
         )
     if kind == "count":
-        raise refuse("a dimensionless value has no unit", f"{unit!r}", where, "Remove the unit.")
+        raise BadInput.from_rule("a dimensionless value has no unit", f"{unit!r}", where, "Remove the unit.")
     return _convert_unit(unit, si, kind, where, number)
 
 
@@ -106,7 +106,9 @@ def _convert_unit(unit: str, si: str, kind: str, where: str, number: float = 1.0
     # Pint's parser raises errors of many types on texts that are no units.
     except (*_PARSER_ERRORS, pint.PintError) as error:
         shown = unit if len(unit) <= MAX_UNIT_CHARACTERS else f"{unit[:MAX_UNIT_CHARACTERS]}..."
-        raise refuse(f"unknown unit {shown!r}", where=where, remedy=_suggest_unit(unit, kind, si)) from error
+        raise BadInput.from_rule(
+            f"unknown unit {shown!r}", where=where, remedy=_suggest_unit(unit, kind, si)
+        ) from error
     if not quantity.check(load_unit_registry().Quantity(1.0, si).dimensionality):
         rule = f"{_add_article(kind)} must have a unit of {kind}"
         if kind not in SI_UNITS:
@@ -115,9 +117,9 @@ def _convert_unit(unit: str, si: str, kind: str, where: str, number: float = 1.0
         if kind == "force" and quantity.check("[mass]"):
             weight = number * float(quantity.to("kg").magnitude) * STANDARD_GRAVITY
             remedy += f" The weight of {number:g} {unit} is {weight:.3g} N."
-        raise refuse(rule, f"{unit!r}", where, remedy)
+        raise BadInput.from_rule(rule, f"{unit!r}", where, remedy)
     if not quantity._is_multiplicative:
-        raise refuse(
+        raise BadInput.from_rule(
             f"the unit of {_add_article(kind)} must be a multiple of {si}",
             f"{unit!r}",
             where,
@@ -178,7 +180,7 @@ def parse_quantity(text: str | float, kind: str, where: str = "") -> float:
         rule, remedy = "a quantity is a number and a unit", f"Write {suggest_units(kind)} after it."
         if kind == "count":
             rule, remedy = "a dimensionless value is a number without a unit", "Write a number."
-        raise refuse(rule, f"{text!r}", where, remedy)
+        raise BadInput.from_rule(rule, f"{text!r}", where, remedy)
     number = float(match[1])
     factor = parse_unit(match[2], kind, where, number if kind == "force" else 1.0)
     return _check_magnitude(number * factor, text, where)
@@ -196,15 +198,15 @@ def parse_number(text: str, si: str, where: str = "") -> float:
     """
     match = _QUANTITY_PATTERN.match(text)
     if match is None:
-        raise refuse("a value is a number and a unit", f"{text!r}", where, f"Its unit is {si}.")
+        raise BadInput.from_rule("a value is a number and a unit", f"{text!r}", where, f"Its unit is {si}.")
     unit = match[2]
     if unit in ("", "1"):
         if si != "1" and float(match[1]):
             remedy = f"Write one that converts to {si} after it."
-            raise refuse("this value needs a unit", f"{text.strip()!r}", where, remedy)
+            raise BadInput.from_rule("this value needs a unit", f"{text.strip()!r}", where, remedy)
         return _check_magnitude(float(match[1]), text, where)
     if si == "1":
-        raise refuse("a dimensionless value has no unit", f"{unit!r}", where, "Remove the unit.")
+        raise BadInput.from_rule("a dimensionless value has no unit", f"{unit!r}", where, "Remove the unit.")
     return _check_magnitude(float(match[1]) * _convert_unit(unit, si, f"number in {si}", where), text, where)
 
 
@@ -212,11 +214,11 @@ def _check_magnitude(value: float, text: str | float, where: str) -> float:
     """Return the value of a text, SI, if a model can compute with it."""
     if not math.isfinite(value):
         remedy = "Remove the entry if the value is unknown."
-        raise refuse("a quantity must be finite", f"{text!r}", where, remedy)
+        raise BadInput.from_rule("a quantity must be finite", f"{text!r}", where, remedy)
     if not is_representable(value):
         low, high = MAGNITUDE_LIMITS
         rule = f"a quantity must be between {low:g} and {high:g} in SI units"
-        raise refuse(rule, f"{text!r}", where, "Check the number and its unit.")
+        raise BadInput.from_rule(rule, f"{text!r}", where, "Check the number and its unit.")
     return value
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pamjax.errors import BadInput, InputWarning, compose_message, refuse, suggest_word
+from pamjax.errors import BadInput, InputWarning, compose_message, suggest_word
 
 
 @pytest.mark.parametrize(
@@ -19,7 +19,7 @@ from pamjax.errors import BadInput, InputWarning, compose_message, refuse, sugge
 )
 def test_message_has_rule_value_place_and_remedy(parts, text):
     assert compose_message(*parts) == text
-    assert str(refuse(*parts)) == text
+    assert str(BadInput.from_rule(*parts)) == text
 
 
 def test_message_with_cut_parts_ends_as_a_sentence():
@@ -31,7 +31,7 @@ def test_message_with_cut_parts_ends_as_a_sentence():
 
 
 def test_bad_input_is_a_value_error():
-    assert isinstance(refuse("a rule"), BadInput)
+    assert isinstance(BadInput.from_rule("a rule"), BadInput)
     assert issubclass(BadInput, ValueError)
     assert issubclass(InputWarning, UserWarning)
 

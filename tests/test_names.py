@@ -169,8 +169,8 @@ def f():
     assert find_poor_docstrings(tree) == ["f"]
     assert find_assigned_riddles(tree) == ["found, line 6", "said, line 6"]
     long = "word " * MESSAGE_WORDS
-    assert find_long_messages(ast.parse(f"refuse(f'{long}{{x}}. Short.')")) == [f"{long}x."]
-    assert find_long_messages(ast.parse(f"refuse('{long}')")) == []
+    assert find_long_messages(ast.parse(f"BadInput.from_rule(f'{long}{{x}}. Short.')")) == [f"{long}x."]
+    assert find_long_messages(ast.parse(f"BadInput.from_rule('{long}')")) == []
 
 
 def test_meaningless_parameter_name_is_detected():

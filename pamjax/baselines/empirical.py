@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar, nnls
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.units import format_quantity
 
 Vector = NDArray[np.float64]
@@ -142,7 +142,7 @@ def fit_gaylord(
         )[1]
     (slope, offset), _ = _fit_gaylord_coefficients(p - pressure_threshold, l, tension)
     if slope <= 0:
-        raise refuse(
+        raise BadInput.from_rule(
             "`force` must increase with `pressure`", "a force that does not increase", remedy="Check signs."
         )
     thread = np.sqrt(l.max() ** 2 + 3 * offset / slope)
@@ -166,7 +166,9 @@ def fit_sarosi(pressure: ArrayLike, contraction: ArrayLike, force: ArrayLike) ->
     """
     p, k, tension = _drop_blank_rows(pressure=pressure, contraction=contraction, force=force)
     if p.size < 6:
-        raise refuse("six coefficients need at least six rows", f"{p.size}", remedy="Measure more settings.")
+        raise BadInput.from_rule(
+            "six coefficients need at least six rows", f"{p.size}", remedy="Measure more settings."
+        )
     _check_settings(p, 2, "pressure", "Pa")
     _check_settings(k, 3, "contraction", "")
     rate, at_limit = _search_exponent(p, k, tension)
@@ -219,7 +221,7 @@ def _fit_gaylord_coefficients(p: Vector, l: Vector, force: Vector) -> tuple[Vect
     scale = np.linalg.norm(design, axis=0)
     if not scale.all():
         rule = "`pressure` must differ from zero in some row"
-        raise refuse(rule, "0 Pa in every row", remedy="Check its column.")
+        raise BadInput.from_rule(rule, "0 Pa in every row", remedy="Check its column.")
     scaled_coefficients, norm = nnls(design / scale, force)
     return scaled_coefficients / scale, float(norm**2)
 
@@ -243,10 +245,12 @@ def _drop_blank_rows(**columns: ArrayLike) -> list[Vector]:
     sizes = {name: array.size for name, array in arrays.items()}
     if len(set(sizes.values())) > 1:
         got = ", ".join(f"{size} of `{name}`" for name, size in sizes.items())
-        raise refuse("columns must have the same number of rows", got, remedy="Pass one row for each sample.")
+        raise BadInput.from_rule(
+            "columns must have the same number of rows", got, remedy="Pass one row for each sample."
+        )
     complete_rows = np.all(np.isfinite(list(arrays.values())), axis=0)
     if not complete_rows.any():
-        raise refuse("a fit needs rows without blank values", "none", remedy="Check the columns.")
+        raise BadInput.from_rule("a fit needs rows without blank values", "none", remedy="Check the columns.")
     return [array[complete_rows] for array in arrays.values()]
 
 
@@ -255,7 +259,7 @@ def _check_settings(values: Vector, min_count: int, name: str, unit: str) -> Non
     size = np.abs(values).max()
     count = np.unique(np.round(values / size, 3)).size if size > 0 else 1
     if count < min_count:
-        raise refuse(
+        raise BadInput.from_rule(
             f"this fit needs at least {min_count} different values of `{name}`",
             f"{count}, near {np.mean(values):.4g} {unit}".rstrip(),
             remedy=f"Measure at another {name}.",

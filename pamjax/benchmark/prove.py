@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pamjax.benchmark.trial
 from pamjax.benchmark.trial import Trial, TrialTask, parse_trial
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.progress import Progress, ignore_progress
 
 #: One thread for each process: two processes with two threads each are slower than with one. The compiler's
@@ -143,7 +143,7 @@ def read_trials(file: Path) -> list[Trial]:
         except json.JSONDecodeError:
             continue
         except (ValueError, TypeError, KeyError, AttributeError) as error:
-            raise refuse(
+            raise BadInput.from_rule(
                 "each line must be one trial that `pamjax prove` wrote", "something else",
                 f"line {number} of {file.name}", "Use another folder.",
             ) from error  # fmt: skip

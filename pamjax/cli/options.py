@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 
 if TYPE_CHECKING:
     from pamjax.records.case import Case
@@ -55,7 +55,7 @@ class ModelOptions:
 
         if self.share and len(cases) < 2:
             rule, remedy = "`--share` needs several cases", "Name the other cases, or remove the option."
-            raise refuse(rule, "one case", remedy=remedy)
+            raise BadInput.from_rule(rule, "one case", remedy=remedy)
 
         return read_cases(cases, self.gaps, self.before)
 

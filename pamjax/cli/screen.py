@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 
 #: Name of the report that most commands write.
 REPORT_FILE = "report.html"
@@ -144,7 +144,7 @@ def check_writable(folder: Path, label: str = "`--out`") -> None:
     while not existing_parent.exists():
         existing_parent = existing_parent.parent
     if not existing_parent.is_dir() or not is_writable(existing_parent):
-        raise refuse(
+        raise BadInput.from_rule(
             f"{label} must be a writable folder",
             f"{existing_parent}, which is not",
             remedy="Name another folder.",

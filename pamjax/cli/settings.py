@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.units import format_quantity, parse_number
 
 if TYPE_CHECKING:
@@ -30,7 +30,9 @@ def _parse_setting(text: str) -> tuple[str, float]:
 
     name, equals, quantity = text.partition("=")
     if not equals:
-        raise refuse("a setting must have the form mechanism.parameter=value", f"{text!r}", "--with")
+        raise BadInput.from_rule(
+            "a setting must have the form mechanism.parameter=value", f"{text!r}", "--with"
+        )
     meaning = find_meaning(name.strip(), "--with")
     value = parse_number(quantity, meaning.unit, f"--with {name}")
     if not meaning.low <= value <= meaning.high:
@@ -38,7 +40,7 @@ def _parse_setting(text: str) -> tuple[str, float]:
             f"`{name}` must be between {format_quantity(meaning.low, meaning.show)} and"
             f" {format_quantity(meaning.high, meaning.show)}"
         )
-        raise refuse(rule, format_quantity(value, meaning.show), "--with")
+        raise BadInput.from_rule(rule, format_quantity(value, meaning.show), "--with")
     return name.strip(), value
 
 
@@ -73,7 +75,7 @@ def assign_to_cases(
         if not equals:
             words = dict.fromkeys(words, text)
         elif name not in words:
-            raise refuse(f"unknown case {name!r}", where=option, remedy=suggest_word(name, words))
+            raise BadInput.from_rule(f"unknown case {name!r}", where=option, remedy=suggest_word(name, words))
         else:
             words[name] = word
     return [words[folder.resolve().name] for folder in cases]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.records.case import Case, read_case
 
 #: Name of the report of a stage.
@@ -23,7 +23,9 @@ def read_unchanged_case(folder: Path, checksum: str) -> Case:
     """
     case = read_case(folder)
     if case.checksum != checksum:
-        raise refuse(f"the files of {folder} changed after the run began", remedy="Start the fleet again.")
+        raise BadInput.from_rule(
+            f"the files of {folder} changed after the run began", remedy="Start the fleet again."
+        )
     return case
 
 

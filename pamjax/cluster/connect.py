@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pamjax.errors import check_minimum, refuse
+from pamjax.errors import BadInput, check_minimum
 from pamjax.units import format_count
 
 if TYPE_CHECKING:
@@ -44,7 +44,9 @@ def check_packages() -> None:
     if missing:
         names = missing[0] if len(missing) == 1 else f"{', '.join(missing[:-1])} and {missing[-1]}"
         rule = f"`pamjax fleet` needs {format_count(len(missing), 'more package')}: {names}"
-        raise refuse(rule, remedy=f"Run `{_INSTALL_COMMAND}` in the folder of the clone of pamjax.")
+        raise BadInput.from_rule(
+            rule, remedy=f"Run `{_INSTALL_COMMAND}` in the folder of the clone of pamjax."
+        )
 
 
 def parse_memory(text: str) -> int:
@@ -60,7 +62,9 @@ def parse_memory(text: str) -> int:
     except ValueError:
         size = 0
     if size <= 0 or not any(sign.isalpha() for sign in text):
-        raise refuse("`--memory` must be a size with a unit", repr(text), remedy='Write it as "4 GB".')
+        raise BadInput.from_rule(
+            "`--memory` must be a size with a unit", repr(text), remedy='Write it as "4 GB".'
+        )
     return size
 
 
@@ -113,7 +117,7 @@ def connect_to_scheduler(address: str, store: Path) -> Iterator[Client]:
         client = Client(address, timeout=CONNECT_TIMEOUT)
     except (OSError, ValueError, TypeError) as error:
         rule, remedy = "`--scheduler` must be the address of a Dask scheduler", "Check that it runs."
-        raise refuse(rule, f"{address!r}, where none answers", remedy=remedy) from error
+        raise BadInput.from_rule(rule, f"{address!r}, where none answers", remedy=remedy) from error
     with client:
         _check_workers(client, store)
         yield client
@@ -127,7 +131,9 @@ def _check_workers(client: Client, store: Path) -> None:
         answers: Any = client.run(_inspect_worker, str(store))
     except ImportError as error:
         remedy = f"Install it there: {_INSTALL_COMMAND}."
-        raise refuse("every worker must have pamjax", f"a worker without ({error})", remedy=remedy) from error
+        raise BadInput.from_rule(
+            "every worker must have pamjax", f"a worker without ({error})", remedy=remedy
+        ) from error
     own = collect_task_versions()
     for worker, (versions, sees_store) in answers.items():
         different = [name for name, value in own.items() if versions.get(name) != value]
@@ -135,10 +141,12 @@ def _check_workers(client: Client, store: Path) -> None:
             name = different[0]
             rule = f"every worker must have the {name} of this process ({own[name][:12]})"
             got = f"{str(versions.get(name))[:12]} on {worker}"
-            raise refuse(rule, got, remedy="Use one environment for all.")
+            raise BadInput.from_rule(rule, got, remedy="Use one environment for all.")
         if not sees_store:
             rule = f"every worker must see the folder {store}"
-            raise refuse(rule, f"{worker}, which does not", remedy="Use a folder that all machines share.")
+            raise BadInput.from_rule(
+                rule, f"{worker}, which does not", remedy="Use a folder that all machines share."
+            )
 
 
 def _inspect_worker(store: str) -> tuple[dict[str, str], bool]:

@@ -14,7 +14,7 @@ from filelock import FileLock, Timeout
 
 from pamjax.cluster.engine import TaskChain, TaskEngine, Work
 from pamjax.cluster.run_task import run_task
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.fleet.plan import FleetPlan
 from pamjax.fleet.store import DONE, LOCK_FILE, OPEN, SET_ASIDE, FleetStore, TaskOutcome, read_outcome
 from pamjax.fleet.task import FleetTask
@@ -59,7 +59,9 @@ def lock_store(store: FleetStore) -> Iterator[None]:
         lock.acquire(timeout=0)
     except Timeout as error:
         rule = f"only one `pamjax fleet` may write to {store.folder}"
-        raise refuse(rule, "another one that runs", remedy="Wait for it, or name another store.") from error
+        raise BadInput.from_rule(
+            rule, "another one that runs", remedy="Wait for it, or name another store."
+        ) from error
     try:
         yield
     finally:

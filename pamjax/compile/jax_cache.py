@@ -9,7 +9,7 @@ from pathlib import Path
 
 import jax
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 
 
 def keep_compiled(folder: str | Path | None = None) -> Path | None:
@@ -48,13 +48,13 @@ def keep_compiled(folder: str | Path | None = None) -> Path | None:
         if not chosen_folder:
             return None
         rule = "the folder for compiled programs must be writable"
-        raise refuse(rule, f"{chosen_folder}", place, "Choose another folder.") from error
+        raise BadInput.from_rule(rule, f"{chosen_folder}", place, "Choose another folder.") from error
     if not is_private:
         if not chosen_folder:
             return None
         rule = "only you may write to the folder for compiled programs, because pamjax runs its files"
         remedy = "Choose another folder, delete this one, or withdraw the rights of others (chmod go-w)."
-        raise refuse(rule, f"{folder}", place, remedy)
+        raise BadInput.from_rule(rule, f"{folder}", place, remedy)
     # JAX issues one warning for each program if the disk is full or the folder disappears.
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache")
     jax.config.update("jax_compilation_cache_dir", str(folder))

@@ -21,7 +21,7 @@ from jaxtyping import Array
 
 from pamjax.compile.programs import run_compiled
 from pamjax.control.inverse import compute_static_force
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.model.assembly import assemble, assemble_bench
 from pamjax.records.files import read_bytes
 from pamjax.units import compute_si_factor
@@ -63,7 +63,9 @@ def compute_force_sd(
         return np.full(np.shape(pressure), np.nan)
     name = case or next(iter(document["cases"]))
     if name not in document["cases"]:
-        raise refuse(f"unknown case {name!r} in {file.name}", remedy=suggest_word(name, document["cases"]))
+        raise BadInput.from_rule(
+            f"unknown case {name!r} in {file.name}", remedy=suggest_word(name, document["cases"])
+        )
     muscle = document["cases"][name]["muscle"]
     own_names = {n: n.removeprefix(f"{name}/") for n in document["correlation"]["names"]}
     free_names = {n: short for n, short in own_names.items() if short in muscle["numbers"]}

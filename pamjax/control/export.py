@@ -15,7 +15,7 @@ from pamjax.control import standalone
 from pamjax.control.command_uncertainty import ForceUncertainty
 from pamjax.control.inverse import CommandLimit, Inverse
 from pamjax.control.neglected import compute_friction_half_loop
-from pamjax.errors import check_minimum, refuse
+from pamjax.errors import BadInput, check_minimum
 from pamjax.notebook import NotebookNote
 from pamjax.records.files import write_folder_atomically
 from pamjax.units import format_quantity
@@ -197,7 +197,9 @@ def narrow_range(inverse: Inverse) -> Inverse:
             break
     if best_share < 0.1:
         rule = "a controller needs a range of pressure and length in which pressure increases the force"
-        raise refuse(rule, "almost no such length", remedy="State a longer length, or a higher pressure.")
+        raise BadInput.from_rule(
+            rule, "almost no such length", remedy="State a longer length, or a higher pressure."
+        )
     return best
 
 

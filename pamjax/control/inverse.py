@@ -25,7 +25,7 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 
 from pamjax.control.standalone import STATUS_TEXTS
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.infer.fitting.load import LoadedMuscle
 from pamjax.jit import compile_on_call
 from pamjax.model.balance import Status
@@ -339,7 +339,7 @@ def inverse(
     bare_muscle = muscle.muscle if isinstance(muscle, LoadedMuscle) else muscle
     if lengths is None and "length" not in calibrated_range:
         if isinstance(muscle, Bench):
-            raise refuse(
+            raise BadInput.from_rule(
                 "a bench needs `lengths`", "none", remedy="State the shortest and the longest length."
             )
         rest_length = (
@@ -354,5 +354,5 @@ def inverse(
     result = Inverse(bare_muscle, *((float(low), float(high)) for low, high in ranges))
     for name, (low, high) in (("pressures", result.pressures), ("lengths", result.lengths)):
         if not low < high:
-            raise refuse(f"`{name}` must be a lower and a higher limit", f"{low:g} to {high:g}")
+            raise BadInput.from_rule(f"`{name}` must be a lower and a higher limit", f"{low:g} to {high:g}")
     return result

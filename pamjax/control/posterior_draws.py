@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array
 
 from pamjax.control.inverse import CommandLimit, Inverse, compute_static_force, solve_lengths, solve_pressures
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.infer.fitting.load import LoadedMuscle, build_muscle
 from pamjax.jit import compile_on_call
 
@@ -144,7 +144,9 @@ def load_draws(file: Path, loaded: LoadedMuscle) -> PosteriorDraws:
     case_samples = {name.removeprefix(f"{case}."): values for name, values in all_samples.items()}
     samples = {name: values for name, values in case_samples.items() if name in loaded.numbers}
     if not samples:
-        raise refuse("a posterior must have a parameter of this muscle", ", ".join(all_samples), file.name)
+        raise BadInput.from_rule(
+            "a posterior must have a parameter of this muscle", ", ".join(all_samples), file.name
+        )
     size = next(iter(samples.values())).size
     rows = np.linspace(0, size - 1, DRAW_COUNT).round().astype(int)
     means = {name: jnp.asarray(values.mean()) for name, values in samples.items()}
@@ -160,7 +162,9 @@ def _read_posterior(file: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     import xarray as xr
 
     if not file.exists():
-        raise refuse(f"the file {file} does not exist", remedy="`pamjax sample` writes posterior.nc.")
+        raise BadInput.from_rule(
+            f"the file {file} does not exist", remedy="`pamjax sample` writes posterior.nc."
+        )
     try:
         with xr.open_dataset(file, engine="h5netcdf") as dataset:
             attributes = dict(dataset.attrs)
@@ -170,7 +174,7 @@ def _read_posterior(file: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
             }, attributes
     except (OSError, ValueError, KeyError) as error:
         rule, remedy = "a posterior must be a readable posterior.nc", "`pamjax sample` writes it."
-        raise refuse(rule, f"{file.name}", remedy=remedy) from error
+        raise BadInput.from_rule(rule, f"{file.name}", remedy=remedy) from error
 
 
 def _match_case(attributes: dict[str, Any], loaded: LoadedMuscle, file: Path) -> str:
@@ -179,13 +183,15 @@ def _match_case(attributes: dict[str, Any], loaded: LoadedMuscle, file: Path) ->
     if (law, sorted(ids)) != (loaded.law, sorted(loaded.mechanisms)):
         own_model = _format_model(loaded.law, loaded.mechanisms)
         rule = f"the posterior must have the model of the muscle ({own_model})"
-        raise refuse(rule, _format_model(str(law), ids), file.name, "Use the fit.json of the same model.")
+        raise BadInput.from_rule(
+            rule, _format_model(str(law), ids), file.name, "Use the fit.json of the same model."
+        )
     checksums = json.loads(attributes.get("checksum", "{}"))
     for name, checksum in checksums.items():
         if checksum == loaded.checksum:
             return name
     rule = "the posterior must come from the recording of the muscle"
-    raise refuse(
+    raise BadInput.from_rule(
         rule,
         ", ".join(checksums) or "none",
         file.name,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, cast
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.infer.form_errors.shares import MAX_FORM_SHARE
 from pamjax.infer.noise.noise_settings import NOISE_SETTINGS
 from pamjax.infer.problem.prior_limits import (
@@ -394,7 +394,7 @@ def _check_value(setting: dataclasses.Field, value: Any) -> None:
     kind = "an integer" if is_count else "a number"
     is_valid = isinstance(value, int if is_count else (int, float)) and not isinstance(value, bool)
     if not (is_valid and math.isfinite(value) and low <= value <= high):
-        raise refuse(
+        raise BadInput.from_rule(
             f"`{setting.name}` of DiagnosisSettings must be {kind} between {low:g} and {high:g}", f"{value!r}"
         )
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.infer.fitting.load import LoadedMuscle, load_muscle
 from pamjax.infer.problem.dataset import (
     CHANNELS,
@@ -154,7 +154,7 @@ def validate(
     case = ensure_case(case)
     if case.recording.measures_length:
         rule, got = "a validation needs a measured force", "a measured length ([test] of muscle.toml)"
-        raise refuse(rule, got, case.name, "Diagnose this recording: it tests held-out blocks.")
+        raise BadInput.from_rule(rule, got, case.name, "Diagnose this recording: it tests held-out blocks.")
     case = average_fixed_lengths(case)
     recording = case.recording
     good = recording.usable

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.fleet.frames import select_rows
 from pamjax.fleet.store import FleetStore
 from pamjax.fleet.tables import FleetTables, read_tables
@@ -76,12 +76,14 @@ class Fleet:
         """
         names = list(self.cases["case"])
         if case not in names:
-            raise refuse(
+            raise BadInput.from_rule(
                 f"unknown case {case!r}", where=str(self.folder), remedy=suggest_word(case, names[:20])
             )
         file = FleetStore(self.folder).locate_stage(case, "fit") / "fit.nc"
         if not file.is_file():
-            raise refuse(f"the case {case!r} has no fit", remedy="Run `pamjax fleet` with the stage fit.")
+            raise BadInput.from_rule(
+                f"the case {case!r} has no fit", remedy="Run `pamjax fleet` with the stage fit."
+            )
         import xarray as xr
 
         return xr.load_dataset(file, engine="h5netcdf")
@@ -109,7 +111,7 @@ def open_fleet(store: str | Path) -> Fleet:
 
     if find_spec("pyarrow") is None:
         remedy = "Run `pip install -e '.[fleet]'` in the folder of the clone of pamjax."
-        raise refuse("a fleet needs 1 more package: pyarrow", remedy=remedy)
+        raise BadInput.from_rule("a fleet needs 1 more package: pyarrow", remedy=remedy)
     return build_fleet(Path(store), read_tables(Path(store)))
 
 

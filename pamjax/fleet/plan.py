@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from pamjax.errors import BadInput, refuse
+from pamjax.errors import BadInput
 from pamjax.fleet.schema import STAGES, FitTable, FleetDocument, GroupTable, read_fleet_document
 from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
 from pamjax.records.files import read_bytes
@@ -84,7 +84,7 @@ def read_plan(
         document = read_fleet_document(read_bytes(file), file.name)
         folder = Path(os.path.abspath(file.parent / document.folder))
         if not folder.is_dir():
-            raise refuse("`folder` must be a folder", f"{folder}", file.name, "Check the path.")
+            raise BadInput.from_rule("`folder` must be a folder", f"{folder}", file.name, "Check the path.")
         case_folders = _find_by_patterns(folder, document.cases, file.name)
         return _build_plan(document.name or file.stem, folder, case_folders, document, file.name, changes)
     folder, case_folders = _find_by_paths(sources)
@@ -122,7 +122,9 @@ def _check_apart(case_folders: Sequence[Path]) -> None:
         outer = next((parent for parent in case_folder.parents if parent in known), None)
         if outer is not None:
             got = f"{case_folder} inside {outer}"
-            raise refuse("case folders must be apart", got, remedy="Move one, or list the cases by patterns.")
+            raise BadInput.from_rule(
+                "case folders must be apart", got, remedy="Move one, or list the cases by patterns."
+            )
 
 
 def _build_case(case_folder: Path, folder: Path, origins: dict[Path, Specimen]) -> FleetCase:
@@ -188,16 +190,20 @@ def _find_by_patterns(folder: Path, patterns: Sequence[str], where: str) -> list
         parts = PurePosixPath(pattern).parts
         if not parts or ".." in parts or PurePosixPath(pattern).is_absolute():
             remedy = "Write it relative to `folder`, or change `folder`."
-            raise refuse("a pattern of `cases` must lead into the folder", f"{pattern!r}", where, remedy)
+            raise BadInput.from_rule(
+                "a pattern of `cases` must lead into the folder", f"{pattern!r}", where, remedy
+            )
         try:
             paths = list(folder.glob(pattern))
         except ValueError as error:
             remedy = "Write `**` between slashes, as `north/**`."
-            raise refuse("`**` must be a whole part of a pattern", f"{pattern!r}", where, remedy) from error
+            raise BadInput.from_rule(
+                "`**` must be a whole part of a pattern", f"{pattern!r}", where, remedy
+            ) from error
         matches = [path for path in paths if _is_case_folder(path) and not _is_hidden(path, folder)]
         if not matches:
             rule = f"no folder with {RECORDING_FILE} matches {pattern!r}"
-            raise refuse(rule, where=where, remedy=f"The pattern is relative to {folder}.")
+            raise BadInput.from_rule(rule, where=where, remedy=f"The pattern is relative to {folder}.")
         case_folders += matches
     return case_folders
 
@@ -214,7 +220,9 @@ def _find_by_paths(sources: Sequence[Path]) -> tuple[Path, list[Path]]:
             matches = _find_by_patterns(root, [path.relative_to(root).as_posix()], str(source))
         else:
             rule = "a fleet must be a FLEET.toml, a folder of cases, or case folders"
-            raise refuse(rule, f"{source}, which does not exist as such", remedy="Check the path.")
+            raise BadInput.from_rule(
+                rule, f"{source}, which does not exist as such", remedy="Check the path."
+            )
         case_folders += matches
     if len(sources) == 1 and not _is_case_folder(Path(sources[0])) and Path(sources[0]).is_dir():
         return Path(os.path.abspath(sources[0])), case_folders

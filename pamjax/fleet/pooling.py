@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.fleet.restricted_likelihood import compute_log_likelihoods, fit_coefficients
 
 #: Number of values of τ in the first and in each finer grid.
@@ -87,9 +87,9 @@ def pool_estimates(estimate: np.ndarray, sd: np.ndarray, distribution_count: int
     """
     estimate, sd = np.asarray(estimate, float), np.asarray(sd, float)
     if len(estimate) < MIN_SPECIMENS:
-        raise refuse(f"a distribution needs {MIN_SPECIMENS} specimens", f"{len(estimate)}")
+        raise BadInput.from_rule(f"a distribution needs {MIN_SPECIMENS} specimens", f"{len(estimate)}")
     if not (np.isfinite(estimate).all() and np.isfinite(sd).all() and (sd > 0).all()):
-        raise refuse("estimates must be finite, and their sd positive")
+        raise BadInput.from_rule("estimates must be finite, and their sd positive")
     # Relative to its median, a number with a large mean keeps its digits.
     centre, scale = float(np.median(estimate)), float(np.ptp(estimate) + sd.max())
     y, s = (estimate - centre) / scale, sd / scale

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from pamjax.errors import BadInput, refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.records.reading.specimen import Specimen, read_date, read_label
 from pamjax.records.reading.toml_errors import format_input, format_rule
 from pamjax.records.toml_text import parse_toml
@@ -111,8 +111,8 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
     name = path[-1] if path else file
     own_error = first.get("ctx", {}).get("error")
     if isinstance(own_error, BadInput):
-        return refuse(f"`{name}` {own_error}".rstrip("."), format_input(first), where)
+        return BadInput.from_rule(f"`{name}` {own_error}".rstrip("."), format_input(first), where)
     if first["type"] == "extra_forbidden":
         known = (_TABLES[path[0]] if len(path) > 1 else FleetDocument).model_fields
-        return refuse(f"unknown entry `{name}`", where=where, remedy=suggest_word(name, known))
-    return refuse(format_rule(first, name), format_input(first), where)
+        return BadInput.from_rule(f"unknown entry `{name}`", where=where, remedy=suggest_word(name, known))
+    return BadInput.from_rule(format_rule(first, name), format_input(first), where)

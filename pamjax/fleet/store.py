@@ -22,7 +22,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.fleet.plan import FleetCase, FleetPlan
 from pamjax.fleet.task import FleetTask, build_task, collect_task_versions, describe_task
 from pamjax.records.files import write_atomically
@@ -116,12 +116,12 @@ def read_store_document(folder: Path) -> dict[str, Any]:
     try:
         document = json.loads((folder / _FLEET_FILE).read_text("utf-8"))
     except FileNotFoundError as error:
-        raise refuse(rule, f"{folder}, which has none", remedy=remedy) from error
+        raise BadInput.from_rule(rule, f"{folder}, which has none", remedy=remedy) from error
     except (OSError, ValueError) as error:
-        raise refuse(f"{folder / _FLEET_FILE} must be readable JSON", remedy=remedy) from error
+        raise BadInput.from_rule(f"{folder / _FLEET_FILE} must be readable JSON", remedy=remedy) from error
     if not isinstance(document, dict) or document.get("schema") != _FLEET_SCHEMA:
         schema = document.get("schema") if isinstance(document, dict) else None
-        raise refuse(
+        raise BadInput.from_rule(
             f"{folder / _FLEET_FILE} must have the schema {_FLEET_SCHEMA}", repr(schema), remedy=remedy
         )
     _check_case_names(document, folder / _FLEET_FILE)
@@ -135,11 +135,15 @@ def _check_case_names(document: dict[str, Any], file: Path) -> None:
         paths = [PurePosixPath(name) for name in names]
     except (AttributeError, KeyError, TypeError) as error:
         remedy = "Run `pamjax fleet` again."
-        raise refuse(f"{file} must list the cases with their names and tasks", remedy=remedy) from error
+        raise BadInput.from_rule(
+            f"{file} must list the cases with their names and tasks", remedy=remedy
+        ) from error
     for path in paths:
         if path.is_absolute() or ".." in path.parts:
             rule = "the names of cases and stages must lead into the store"
-            raise refuse(rule, repr(str(path)), str(file), "Use a store that `pamjax fleet` wrote.")
+            raise BadInput.from_rule(
+                rule, repr(str(path)), str(file), "Use a store that `pamjax fleet` wrote."
+            )
 
 
 def read_outcome(folder: Path, key: str) -> TaskOutcome:

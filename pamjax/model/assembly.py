@@ -7,7 +7,7 @@ from typing import Any
 
 from jaxtyping import Array
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.model import braid
 from pamjax.model.bench import Bench
 from pamjax.model.mechanism import AbstractMechanism
@@ -50,7 +50,9 @@ def assemble(law: str, numbers: Mapping[str, Array]) -> Muscle:
             numbers["muscle.rest_length"], length, turns, _build_thread(law, law_parameters, numbers)
         )
     except KeyError as error:
-        raise refuse(f"a muscle needs the parameter `{error.args[0]}`", ", ".join(numbers)) from error
+        raise BadInput.from_rule(
+            f"a muscle needs the parameter `{error.args[0]}`", ", ".join(numbers)
+        ) from error
 
 
 def _read_braid(numbers: Mapping[str, Array]) -> tuple[Array, Array]:
@@ -78,7 +80,7 @@ def resolve_bench_law(law: str, ids: Iterable[str]) -> str:
         BadInput: if a bench does not have this law.
     """
     if law not in _BENCH_LAWS:
-        raise refuse(
+        raise BadInput.from_rule(
             "a model with mechanisms must have the thread law `inelastic` or `elastic`",
             f"{law!r}",
             remedy="For a toe, add the mechanism `thread_crimp`.",

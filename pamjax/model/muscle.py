@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.jit import compile_on_call
 from pamjax.model import braid
 from pamjax.model.balance import BURST_LOAD_SHARE, Status, solve_strain, stretch_linear
@@ -192,7 +192,7 @@ def predict(
     """
     bare_muscle = muscle if isinstance(muscle, Muscle | Bench) else muscle.muscle
     if isinstance(bare_muscle, Bench):
-        raise refuse(
+        raise BadInput.from_rule(
             "`predict` needs a muscle without mechanisms",
             ", ".join(mechanism.id for mechanism in bare_muscle.mechanisms),
             remedy="Call `pamjax.simulate` for a muscle with mechanisms.",
@@ -200,7 +200,7 @@ def predict(
     inputs = jnp.atleast_1d(jnp.asarray(pressure, float), jnp.asarray(length, float))
     if len({x.shape for x in inputs if x.shape != (1,)}) > 1 or max(x.ndim for x in inputs) > 1:
         shapes = " and ".join(str(x.shape) for x in inputs)
-        raise refuse(
+        raise BadInput.from_rule(
             "`pressure` and `length` must have equal lengths, or one must be a single number", shapes
         )
     return _predict_batch(bare_muscle, *jnp.broadcast_arrays(*inputs))

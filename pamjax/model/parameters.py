@@ -7,7 +7,7 @@ instead of thread length and turns. `assembly.py` builds a muscle from named par
 
 from __future__ import annotations
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.model.muscle import Muscle
 from pamjax.model.registry import list_mechanisms
 from pamjax.model.thread import (
@@ -110,7 +110,7 @@ def find_meaning(name: str, where: str = "") -> Meaning:
     parameters = list_parameters()
     if name not in parameters:
         hint = suggest_word(name, parameters, listing="pamjax explain")
-        raise refuse(f"unknown parameter {name!r}", where=where, remedy=hint)
+        raise BadInput.from_rule(f"unknown parameter {name!r}", where=where, remedy=hint)
     return parameters[name]
 
 
@@ -132,5 +132,5 @@ def list_meanings_by_law(name: str) -> dict[str, Meaning]:
 def list_law_parameters(law: str) -> tuple[str, ...]:
     """Return the names of a law's parameters except its stiffness."""
     if law not in THREAD_LAWS:
-        raise refuse(f"unknown thread law {law!r}", remedy=suggest_word(law, THREAD_LAWS))
+        raise BadInput.from_rule(f"unknown thread law {law!r}", remedy=suggest_word(law, THREAD_LAWS))
     return tuple(f"thread.{name}" for name in list_field_meanings(THREAD_LAWS[law]) if name != "stiffness")

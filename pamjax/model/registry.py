@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.model.mechanism import AbstractMechanism
 from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
@@ -88,7 +88,7 @@ def find_mechanism(id: str) -> type[AbstractMechanism]:
     """
     mechanisms = list_mechanisms()
     if id not in mechanisms:
-        raise refuse(f"unknown mechanism `{id}`", remedy=suggest_word(id, mechanisms))
+        raise BadInput.from_rule(f"unknown mechanism `{id}`", remedy=suggest_word(id, mechanisms))
     return mechanisms[id]
 
 
@@ -113,4 +113,4 @@ def check_exclusive_pairs(ids: Iterable[str]) -> None:
         if pair <= selected_ids:
             first, second = sorted(pair)
             rule = f"`{first}` and `{second}` exclude each other: {reason}"
-            raise refuse(rule, remedy="Use only one of them.")
+            raise BadInput.from_rule(rule, remedy="Use only one of them.")

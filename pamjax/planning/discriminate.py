@@ -29,7 +29,7 @@ from pamjax.diagnosis.next_experiment.experiment import (
 from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
-from pamjax.errors import BadInput, refuse
+from pamjax.errors import BadInput
 from pamjax.model.registry import find_mechanism
 from pamjax.notebook import NotebookNote
 from pamjax.progress import Progress, ignore_progress
@@ -160,7 +160,7 @@ def discriminate(
     for id in (first, second):
         find_mechanism(id)
     if first == second:
-        raise refuse("a discrimination needs two different mechanisms", f"{first!r} twice")
+        raise BadInput.from_rule("a discrimination needs two different mechanisms", f"{first!r} twice")
     library_problem = build_library_problem(case)
     available_ids = {candidate.id for candidate in build_candidates(library_problem)}
     for id in (first, second):
@@ -219,9 +219,9 @@ def _build_unavailable_error(id: str, case: Case) -> BadInput:
     if id in MECHANISMS_NEEDING_TIME and not case.recording.has_time:
         rule = f"mechanism {id!r} needs time"
         remedy = "Record strokes first: `plan` proposes runs."
-        return refuse(rule, "a table without time", case.name, remedy)
+        return BadInput.from_rule(rule, "a table without time", case.name, remedy)
     rule = "both mechanisms must have an effect on the recording that its baseline does not include"
-    return refuse(rule, f"{id!r} without such an effect", case.name)
+    return BadInput.from_rule(rule, f"{id!r} without such an effect", case.name)
 
 
 def save_discrimination(discrimination: Discrimination, folder: Path) -> list[Path]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pamjax.errors import check_minimum, refuse, suggest_word
+from pamjax.errors import BadInput, check_minimum, suggest_word
 from pamjax.model.parameters import find_meaning
 from pamjax.notebook import NotebookNote
 from pamjax.planning.information import (
@@ -243,7 +243,7 @@ def _build_menu(
     if prior.capabilities.minutes < shortest:
         rule = f"the shortest run of this rig takes {shortest:.2g} min"
         got = f"{prior.capabilities.minutes:g} min for all runs"
-        raise refuse(rule, got, remedy="Increase `minutes`.")
+        raise BadInput.from_rule(rule, got, remedy="Increase `minutes`.")
     draws = prior.draw_parameters(seed=seed)
     run_matrices = np.stack([prior.compute_run_information(offered_runs, values) for values in draws], axis=1)
     k = 0 if goal == ALL_NUMBERS else prior.find_index(goal)
@@ -285,14 +285,14 @@ def _resolve_goal(own_names: list[str], goal: str | None) -> str:
         goal = next((name for name in _DEFAULT_GOALS if name in own_names), ALL_NUMBERS)
     if goal != ALL_NUMBERS and goal not in own_names:
         rule = f"{goal!r} is no free parameter of this muscle"
-        raise refuse(rule, remedy=suggest_word(goal, [*own_names, ALL_NUMBERS]))
+        raise BadInput.from_rule(rule, remedy=suggest_word(goal, [*own_names, ALL_NUMBERS]))
     return goal
 
 
 def _resolve_target_sd(prior: PriorInformation, goal: str, to: str | float | None) -> float:
     if goal == ALL_NUMBERS:
         if to is not None:
-            raise refuse("the goal `all` has no wanted standard deviation", f"{to} in `to`")
+            raise BadInput.from_rule("the goal `all` has no wanted standard deviation", f"{to} in `to`")
         return 0.0
     value = abs(float(prior.mean[prior.find_index(goal)]))
     if to is None:
@@ -302,7 +302,7 @@ def _resolve_target_sd(prior: PriorInformation, goal: str, to: str | float | Non
     else:
         target_sd = parse_number(str(to), find_meaning(goal).unit, "`to`")
     if not 0 < target_sd < math.inf:
-        raise refuse(
+        raise BadInput.from_rule(
             "a wanted standard deviation must be positive",
             format_quantity(target_sd, find_meaning(goal).show),
             "`to`",

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.model.parameters import LENGTH_ERROR_PREFIX
 from pamjax.records.files import read_bytes
 from pamjax.records.reading.muscle_toml import MuscleToml
@@ -163,12 +163,14 @@ def read_capabilities(
         if name in ERROR_ENTRIES:
             number, unit = ERROR_ENTRIES[name]
             if unit != "1" and not isinstance(value, str):
-                raise refuse(f"rig entry `{name}` needs a unit", str(value), file, f'Write "{value} {unit}".')
+                raise BadInput.from_rule(
+                    f"rig entry `{name}` needs a unit", str(value), file, f'Write "{value} {unit}".'
+                )
             error_sds[number] = parse_number(str(value), unit, f"{name} of {file}")
         elif name in ENTRY_KINDS:
             plain_fields[_FIELDS.get(name, name)] = _parse_entry(name, value, file)
         else:
-            raise refuse(
+            raise BadInput.from_rule(
                 f"unknown rig entry {name!r}",
                 where=file,
                 remedy=suggest_word(name, [*ERROR_ENTRIES, *ENTRY_KINDS]),
@@ -177,7 +179,9 @@ def read_capabilities(
         capabilities, error_sds={name: sd for name, sd in error_sds.items() if sd > 0}, **plain_fields
     )
     if not capabilities.channels:
-        raise refuse("a rig must measure force or diameter", "neither", file, "State the noise of one.")
+        raise BadInput.from_rule(
+            "a rig must measure force or diameter", "neither", file, "State the noise of one."
+        )
     return capabilities
 
 
@@ -192,16 +196,18 @@ def _parse_entry(name: str, value: Any, file: str) -> float | None:
         value = parse_quantity(value, "time", f"{name} of {file}") / 60
     number = parse_quantity(value, ENTRY_KINDS[name], f"{name} of {file}")
     if name == "contraction" and number >= _MAX_RIG_CONTRACTION:
-        raise refuse(
+        raise BadInput.from_rule(
             f"rig entry `contraction` must be a fraction below {_MAX_RIG_CONTRACTION:g}", f"{value}", file
         )
     if number < 0 or (number == 0 and name not in ("setup", "correlation_time")):
-        raise refuse(f"rig entry `{name}` must be positive", f"{value}", file)
+        raise BadInput.from_rule(f"rig entry `{name}` must be positive", f"{value}", file)
     return number
 
 
 def _read_rig_file(path: Path) -> dict[str, Any]:
     document = parse_toml(read_bytes(path), path.name)
     if set(document) != {"rig"} or not isinstance(document["rig"], dict):
-        raise refuse("a rig file must have one table, [rig]", ", ".join(document) or "none", path.name)
+        raise BadInput.from_rule(
+            "a rig file must have one table, [rig]", ", ".join(document) or "none", path.name
+        )
     return document["rig"]

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.records.levels import assign_levels, find_levels, find_nearest_level
 from pamjax.records.recording import Recording
 from pamjax.units import format_quantity
@@ -87,7 +87,7 @@ def split_folds(blocks: Blocks, k: int = 5, seed: int = 0) -> list[np.ndarray]:
     """
     block_count = len(blocks)
     if block_count < 2:
-        raise refuse(
+        raise BadInput.from_rule(
             "cross-validation needs at least two blocks",
             f"{block_count}",
             remedy="Record at another pressure or length.",

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.notebook import NotebookNote
 from pamjax.records.checks.stuck_sensors import find_stuck_sensors
 from pamjax.records.checks.unit_errors import check_units
@@ -94,7 +94,7 @@ def read_case(folder: str | Path, *, gaps: str = "carry", before: str = "relaxed
     folder = Path(folder)
     if not folder.is_dir():
         remedy = "Check the path, or create a case with `pamjax new`."
-        raise refuse(
+        raise BadInput.from_rule(
             f"a case must be a folder with {RECORDING_FILE} and {MUSCLE_FILE}",
             f"{folder}, which is not a folder",
             remedy=remedy,
@@ -112,7 +112,9 @@ def ensure_case(source: Case | str | Path) -> Case:
     if isinstance(source, Case):
         return source
     if not isinstance(source, str | Path):
-        raise refuse("a case must be a folder, or a result of `read_case` or `case_from`", repr(source)[:60])
+        raise BadInput.from_rule(
+            "a case must be a folder, or a result of `read_case` or `case_from`", repr(source)[:60]
+        )
     return read_case(source)
 
 
@@ -128,7 +130,7 @@ def ensure_case_or_toml(source: MuscleToml | Case | str | Path) -> MuscleToml | 
     if isinstance(source, MuscleToml | Case):
         return source
     if not isinstance(source, str | Path):
-        raise refuse(
+        raise BadInput.from_rule(
             "a muscle must be a case, a folder, a muscle.toml, or a result of `read_muscle_toml`",
             repr(source)[:60],
         )
@@ -175,7 +177,7 @@ def build_case(
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
     if value not in choices:
         rule = f"`{name}` must be {' or '.join(choices)}"
-        raise refuse(rule, f"{value!r}", remedy=suggest_word(value, choices))
+        raise BadInput.from_rule(rule, f"{value!r}", remedy=suggest_word(value, choices))
 
 
 def _check_length_below_thread(recording: Recording, entry: MuscleToml, unit: str, file: str) -> None:
@@ -186,7 +188,7 @@ def _check_length_below_thread(recording: Recording, entry: MuscleToml, unit: st
         i = int(np.argmax(too_long))
         rule = f"`length` must be shorter than the thread ({format_quantity(thread.value, unit)})"
         remedy = "Check the unit in the header of `length`, and `thread_length` in muscle.toml."
-        raise refuse(
+        raise BadInput.from_rule(
             rule, format_quantity(recording.length[i], unit), f"row {recording.row[i]} of {file}", remedy
         )
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import tomlkit
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.records.case import MUSCLE_FILE, Case, build_case
 from pamjax.records.files import read_bytes
 from pamjax.records.reading.header import COLUMN_KINDS
@@ -63,12 +63,14 @@ def _convert_to_frame(table: Any) -> pd.DataFrame:
     if not hasattr(table, "data_vars"):
         got = type(table).__name__
         remedy = "Convert the table to one of them."
-        raise refuse("a table must be a pandas DataFrame or an xarray Dataset", got, remedy=remedy)
+        raise BadInput.from_rule(
+            "a table must be a pandas DataFrame or an xarray Dataset", got, remedy=remedy
+        )
     frame = table.to_dataframe().reset_index()
     known_names = [name for name in frame.columns if name in COLUMN_KINDS]
     if not known_names:
         remedy = suggest_word("pressure", [str(name) for name in frame.columns])
-        raise refuse(
+        raise BadInput.from_rule(
             "a Dataset must have `pressure`, and `force` or `diameter`", "none of them", remedy=remedy
         )
     units = {name: table[name].attrs.get("units", "") for name in known_names}

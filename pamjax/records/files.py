@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 
 
 def read_bytes(path: Path) -> bytes:
@@ -25,16 +25,18 @@ def read_bytes(path: Path) -> bytes:
     try:
         mode = path.stat().st_mode
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-            raise refuse(
+            raise BadInput.from_rule(
                 f"{path} must be a file", "a pipe or a device", remedy="Write its content to a file."
             )
         return path.read_bytes()
     except FileNotFoundError as error:
-        raise refuse(f"the file {path} does not exist", remedy="Check the path.") from error
+        raise BadInput.from_rule(f"the file {path} does not exist", remedy="Check the path.") from error
     except IsADirectoryError as error:
-        raise refuse(f"{path} must be a file", "a folder", remedy="Name the file in it.") from error
+        raise BadInput.from_rule(
+            f"{path} must be a file", "a folder", remedy="Name the file in it."
+        ) from error
     except OSError as error:
-        raise refuse(
+        raise BadInput.from_rule(
             f"{path} cannot be read", error.strerror or "an error", remedy="Check that it is a readable file."
         ) from error
 
@@ -46,13 +48,17 @@ def decode_text(raw: bytes, file: str) -> str:
         BadInput: if the file is not UTF-8 text.
     """
     if raw[:2] == b"PK" or b"\0" in raw[:4096]:
-        raise refuse(f"{file} must be plain text", "a binary file", remedy="Save it as UTF-8 text.")
+        raise BadInput.from_rule(
+            f"{file} must be plain text", "a binary file", remedy="Save it as UTF-8 text."
+        )
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
         got = f"the byte 0x{raw[error.start]:02x}"
-        raise refuse(f"{file} must be UTF-8 text", got, f"line {line}", "Save it as UTF-8.") from error
+        raise BadInput.from_rule(
+            f"{file} must be UTF-8 text", got, f"line {line}", "Save it as UTF-8."
+        ) from error
 
 
 @contextmanager
@@ -131,9 +137,9 @@ def _choose_temporary_path(path: Path) -> Path:
     """Return a hidden path in the same folder, so that a rename on one disk replaces the target."""
     folder = path.absolute().parent
     if not folder.is_dir():
-        raise refuse(f"the folder of {path} must exist", remedy="Create it, or check the path.")
+        raise BadInput.from_rule(f"the folder of {path} must exist", remedy="Create it, or check the path.")
     if not is_writable(folder):
-        raise refuse(f"the folder of {path} must be writable", remedy="Choose another folder.")
+        raise BadInput.from_rule(f"the folder of {path} must be writable", remedy="Choose another folder.")
     # The suffix is unchanged, because some writers derive the format from it.
     return folder / f".{path.stem}-{secrets.token_hex(4)}{path.suffix}"
 

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.records.files import read_bytes
 from pamjax.records.reading import toml_errors
 from pamjax.records.reading.quantity import EntryLocation, read_load
@@ -99,7 +99,9 @@ class Protocol(BaseModel):
         step = 1 / _check_positive("rate", parse_quantity(self.rate, "frequency", where))
         for p in pressures:
             if p < 0:
-                raise refuse("`pressures` must be gauge pressures of at least 0", f"{p / 1e3:g} kPa", where)
+                raise BadInput.from_rule(
+                    "`pressures` must be gauge pressures of at least 0", f"{p / 1e3:g} kPa", where
+                )
         _check_size(self._compute_duration(rest_length, len(pressures), speed, duration) / step)
         pieces = {"strokes": self._build_strokes, "ramps": self._build_ramps, "holds": self._build_holds}[
             self.kind
@@ -121,9 +123,11 @@ class Protocol(BaseModel):
         if bool(self.contractions) == bool(self.loads):
             got = "both" if self.loads else "neither"
             remedy = "The first list sets the length, the second the force."
-            raise refuse("a protocol must have `contractions` or `loads`", got, where, remedy)
+            raise BadInput.from_rule("a protocol must have `contractions` or `loads`", got, where, remedy)
         if self.loads and self.kind != "ramps":
-            raise refuse("`loads` need the kind `ramps`", f"`{self.kind}`", where, 'Write kind = "ramps".')
+            raise BadInput.from_rule(
+                "`loads` need the kind `ramps`", f"`{self.kind}`", where, 'Write kind = "ramps".'
+            )
 
     def _compute_duration(self, rest: float, pressures: int, speed: float, duration: float) -> float:
         """Return the duration of the protocol, s."""
@@ -136,7 +140,7 @@ class Protocol(BaseModel):
     def _build_strokes(self, pressures, rest, speed, duration, step):
         max_contractions = self.contractions * (len(pressures) if len(self.contractions) == 1 else 1)
         if len(max_contractions) != len(pressures):
-            raise refuse(
+            raise BadInput.from_rule(
                 "`contractions` of strokes must have one number, or one for each pressure",
                 f"{len(max_contractions)} for {len(pressures)} pressures",
                 "[protocol]",
@@ -169,12 +173,14 @@ def _check_size(samples: float) -> None:
     """Refuse a schedule that is too long to simulate, before its arrays are made."""
     if not samples <= _MAX_SAMPLES:
         rule = f"a protocol must have at most {_MAX_SAMPLES} samples"
-        raise refuse(rule, f"{samples:.3g}", "[protocol]", "Reduce `rate`, `duration` or `cycles`.")
+        raise BadInput.from_rule(
+            rule, f"{samples:.3g}", "[protocol]", "Reduce `rate`, `duration` or `cycles`."
+        )
 
 
 def _check_positive(name: str, value: float) -> float:
     if value <= 0:
-        raise refuse(f"`{name}` must be positive", f"{value:g}", "[protocol]")
+        raise BadInput.from_rule(f"`{name}` must be positive", f"{value:g}", "[protocol]")
     return value
 
 
@@ -196,7 +202,9 @@ def read_protocol(path: Path) -> Protocol:
     """
     document = parse_toml(read_bytes(path), path.name)
     if set(document) != {"protocol"}:
-        raise refuse("a protocol must have one table, [protocol]", ", ".join(document) or "none", path.name)
+        raise BadInput.from_rule(
+            "a protocol must have one table, [protocol]", ", ".join(document) or "none", path.name
+        )
     try:
         return Protocol.model_validate(document["protocol"])
     except ValidationError as error:
@@ -204,9 +212,11 @@ def read_protocol(path: Path) -> Protocol:
         key = str(first["loc"][0])
         if first["type"] == "extra_forbidden":
             hint = suggest_word(key, Protocol.model_fields)
-            raise refuse(f"unknown entry `{key}` in [protocol]", where=path.name, remedy=hint) from error
+            raise BadInput.from_rule(
+                f"unknown entry `{key}` in [protocol]", where=path.name, remedy=hint
+            ) from error
         hint = "" if first["type"] == "literal_error" else _KEY_HINTS.get(key, "")
-        raise refuse(
+        raise BadInput.from_rule(
             toml_errors.format_rule(first, key), toml_errors.format_input(first), path.name, hint
         ) from error
 

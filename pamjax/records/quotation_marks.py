@@ -6,7 +6,7 @@ import csv
 import io
 from collections.abc import Sequence
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 
 #: Maximum number of characters of a cell in an error message.
 MAX_CELL_CHARACTERS = 30
@@ -30,7 +30,7 @@ def check_line_lengths(lines: Sequence[str], file: str) -> None:
         if len(line) > _MAX_LINE_LENGTH:
             rule = f"a row must have at most {_MAX_LINE_LENGTH} characters"
             remedy = "Check the line breaks of the file."
-            raise refuse(rule, f"{len(line)}", f"row {row} of {file}", remedy)
+            raise BadInput.from_rule(rule, f"{len(line)}", f"row {row} of {file}", remedy)
 
 
 def check_quotes(
@@ -60,7 +60,7 @@ def check_quotes(
         title = titles[index].strip() if index < len(titles) else ""
         column = f"column `{title}`" if title else f"column {index + 1}"
         shown_text = cell if len(cell) <= MAX_CELL_CHARACTERS else f"{cell[:MAX_CELL_CHARACTERS]}…"
-        raise refuse(
+        raise BadInput.from_rule(
             "a quoted cell must end with a quotation mark in the same row",
             f"'\"{shown_text}'",
             f"{column}, row {row} of {file}",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.units import compute_si_factor, format_quantity
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ class Recording:
         for name, values in columns.items():
             if np.shape(values) != (n,):
                 got = f"shapes {np.shape(values)} and ({n},)"
-                raise refuse(f"`{name}` must have as many rows as `pressure`", got)
+                raise BadInput.from_rule(f"`{name}` must have as many rows as `pressure`", got)
         arrays = {name: np.asarray(values, dtype=float) for name, values in columns.items()}
         return cls(
             time=arrays.get("time"),

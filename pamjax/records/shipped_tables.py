@@ -16,7 +16,7 @@ from typing import Any
 
 import pandas as pd
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.units import compute_si_factor
 
 _HEADER_PATTERN = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\]]*)\]$")
@@ -30,7 +30,7 @@ def find_data_folder() -> Path:
         if folder.is_dir():
             return folder
     rule = "pamjax needs the folder `data` with its shipped tables"
-    raise refuse(rule, "none", str(package), "Reinstall pamjax.")
+    raise BadInput.from_rule(rule, "none", str(package), "Reinstall pamjax.")
 
 
 def list_shipped() -> list[str]:
@@ -63,7 +63,7 @@ def read_shipped(name: str) -> pd.DataFrame:
     path = _find_file(name, ".csv")
     content = path.read_bytes()
     if hashlib.sha256(content).hexdigest() != read_sidecar(name)["sha256"]:
-        raise refuse(
+        raise BadInput.from_rule(
             "a shipped table must have the sha256 that its sidecar states",
             "another sha256",
             str(path),
@@ -86,7 +86,7 @@ def convert_to_si(table: pd.DataFrame) -> pd.DataFrame:
         match = _HEADER_PATTERN.match(header)
         name = match["name"] if match else header
         if name in columns:
-            raise refuse(
+            raise BadInput.from_rule(
                 "column names without units must be unique",
                 f"`{name}` twice",
                 remedy="Select one of the columns.",
@@ -103,7 +103,7 @@ def read_quantities(name: str) -> dict[str, float]:
     """
     table = read_shipped(name)
     if not {"quantity", "value", "unit"} <= set(table.columns):
-        raise refuse(
+        raise BadInput.from_rule(
             "a table of quantities must have the columns `quantity`, `value` and `unit`",
             where=name,
             remedy="Use `convert_to_si`.",
@@ -117,5 +117,5 @@ def read_quantities(name: str) -> dict[str, float]:
 def _find_file(name: str, suffix: str) -> Path:
     path = find_data_folder() / f"{name}{suffix}"
     if name not in list_shipped() or not path.is_file():
-        raise refuse(f"unknown shipped table `{name}`", remedy=suggest_word(name, list_shipped()))
+        raise BadInput.from_rule(f"unknown shipped table `{name}`", remedy=suggest_word(name, list_shipped()))
     return path

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.model.balance import Status
 from pamjax.model.bench import Bench, record_bench
 from pamjax.model.history import History, build_time_history
@@ -150,13 +150,17 @@ def check_set_channel(schedule: Schedule, entry: MuscleToml) -> None:
     if entry.measures_length and schedule.load is None:
         rule = "a muscle with a measured length needs a protocol that sets the force"
         remedy = 'Write a protocol with kind = "ramps" and loads = ["0 N"], or remove [test] of muscle.toml.'
-        raise refuse(rule, "a protocol that sets the length", remedy=remedy)
+        raise BadInput.from_rule(rule, "a protocol that sets the length", remedy=remedy)
     if schedule.load is not None and not entry.measures_length:
         remedy = 'Write measured = "length" in the table [test].'
-        raise refuse("`loads` need a muscle.toml with a measured length", "a measured force", remedy=remedy)
+        raise BadInput.from_rule(
+            "`loads` need a muscle.toml with a measured length", "a measured force", remedy=remedy
+        )
     if schedule.load is not None and entry.load is not None and (schedule.load != entry.load).any():
         rule = f"`loads` must equal `load` in [test] of muscle.toml ({entry.load:g} N)"
-        raise refuse(rule, f"up to {schedule.load.max():g} N", remedy="Remove `load` from [test].")
+        raise BadInput.from_rule(
+            rule, f"up to {schedule.load.max():g} N", remedy="Remove `load` from [test]."
+        )
 
 
 def describe_extrapolation(calibrated_range: dict[str, tuple[float, float]], schedule: Schedule) -> list[str]:

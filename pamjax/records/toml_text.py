@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from typing import Any
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.records.files import decode_text
 
 #: Largest file, bytes: about 20,000 lines. Python's reader needs seconds for larger ones.
@@ -30,23 +30,25 @@ def parse_toml(
         BadInput: if it is not TOML, too large, nested too deeply, or has a whole number of more than 64 bits.
     """
     if len(raw) > _MAX_TOML_BYTES:
-        raise refuse(f"{file} must have at most 1 MB", f"{len(raw) / 1e6:.1f} MB", remedy="Remove entries.")
+        raise BadInput.from_rule(
+            f"{file} must have at most 1 MB", f"{len(raw) / 1e6:.1f} MB", remedy="Remove entries."
+        )
     text = decode_text(raw, file).replace("\r\n", "\n")
     for number, line in enumerate(text.split("\n"), 1):
         if len(line) > _MAX_LINE_CHARACTERS:
             rule = f"a line must have at most {_MAX_LINE_CHARACTERS} characters"
-            raise refuse(rule, f"{len(line)}", f"line {number} of {file}", "Break the line.")
+            raise BadInput.from_rule(rule, f"{len(line)}", f"line {number} of {file}", "Break the line.")
     try:
         document = tomllib.loads(text)
     except RecursionError as error:
         rule = f"{file} must not have deeply nested brackets"
-        raise refuse(rule, remedy="Close each bracket.") from error
+        raise BadInput.from_rule(rule, remedy="Close each bracket.") from error
     # TOMLDecodeError is a ValueError; Python refuses numbers of more than 4300 digits with a plain one.
     except ValueError as error:
         got = str(error)[:1].lower() + str(error)[1:].rstrip(".")
         if not isinstance(error, tomllib.TOMLDecodeError):
             got = "a number with thousands of digits"
-        raise refuse(f"{file} must be TOML", got, remedy=remedy) from error
+        raise BadInput.from_rule(f"{file} must be TOML", got, remedy=remedy) from error
     _check_integers(document, "", file)
     return document
 
@@ -61,4 +63,4 @@ def _check_integers(value: Any, name: str, file: str) -> None:
             _check_integers(part, name, file)
     elif isinstance(value, int) and abs(value) > _MAX_TOML_INTEGER:
         got = f"a number of {len(str(abs(value)))} digits"
-        raise refuse(f"`{name}` must be a whole number below 2^63", got, file, "Remove digits.")
+        raise BadInput.from_rule(f"`{name}` must be a whole number below 2^63", got, file, "Remove digits.")

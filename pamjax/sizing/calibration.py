@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pamjax.control.command_uncertainty import read_unexplained_force
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.infer.fitting.load import LoadedMuscle, load_muscle
 from pamjax.model.bench import Bench
 from pamjax.model.mechanism import AbstractMechanism
@@ -96,7 +96,7 @@ def transfer_calibration(
     where = f"[calibration] of {spec_file}"
     if calibration.muscle is None and calibration.posterior is None and calibration.discrepancy is None:
         remedy = 'Write muscle = "result/case/model.json".'
-        raise refuse(
+        raise BadInput.from_rule(
             "a calibration needs a `muscle`, a `posterior` or a `discrepancy`", "none", where, remedy
         )
     thread = _find_calibrated_material(
@@ -133,7 +133,7 @@ def _find_calibrated_material(
 ) -> str:
     if stated_name is not None:
         if stated_name not in spec_names and stated_name not in shipped_kinds:
-            raise refuse(
+            raise BadInput.from_rule(
                 f"`{material}` must name a {material} of the catalogue",
                 f"{stated_name!r}",
                 where,
@@ -143,7 +143,7 @@ def _find_calibrated_material(
     if len(spec_names) == 1:
         return spec_names[0]
     remedy = f'Write {material} = "{spec_names[0]}".'
-    raise refuse(
+    raise BadInput.from_rule(
         f"a calibration must state which {material} of the catalogue it represents", "none", where, remedy
     )
 
@@ -158,7 +158,9 @@ def _transfer_muscle(
     if stiffness is not None and math.isfinite(stiffness):
         if not area:
             remedy = "Add them to the muscle.toml of the calibrated muscle."
-            raise refuse("a calibrated thread needs `threads` and `thread_area`", "neither", where, remedy)
+            raise BadInput.from_rule(
+                "a calibrated thread needs `threads` and `thread_area`", "neither", where, remedy
+            )
         properties["thread_modulus"] = stiffness / area
         sources.append(f"thread modulus {stiffness / area / 1e9:.3g} GPa from {file}")
     if isinstance(muscle, Bench):
@@ -231,7 +233,7 @@ def _transfer_posterior(
     import xarray as xr
 
     if not path.exists():
-        raise refuse(
+        raise BadInput.from_rule(
             f"file {path} does not exist", where=where, remedy="`pamjax sample` writes posterior.nc."
         )
     try:
@@ -239,7 +241,9 @@ def _transfer_posterior(
             samples = {str(name): np.asarray(posterior[name]).ravel() for name in posterior.data_vars}
     except (OSError, ValueError, KeyError) as error:
         remedy = "`pamjax sample` writes this file."
-        raise refuse("`posterior` must be a valid posterior.nc", path.name, where, remedy) from error
+        raise BadInput.from_rule(
+            "`posterior` must be a valid posterior.nc", path.name, where, remedy
+        ) from error
     draws: dict[str, np.ndarray] = {}
     updates: dict[str, Any] = {}
     for name, values in samples.items():
@@ -261,6 +265,6 @@ def _transfer_posterior(
             draws[f"{owner}.{parameter}"] = values
     if not draws:
         rule = "a posterior must contain a parameter that can be transferred to another muscle"
-        raise refuse(rule, ", ".join(samples), where, "An example is thread.modulus.")
+        raise BadInput.from_rule(rule, ", ".join(samples), where, "An example is thread.modulus.")
     sources.append(f"{len(next(iter(draws.values())))} draws of {', '.join(sorted(draws))} from {path.name}")
     return updates | {"draws": draws}

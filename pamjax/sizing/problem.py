@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.sizing.calibration import CalibrationTransfer
 from pamjax.sizing.candidate import (
     COORDINATES,
@@ -137,7 +137,9 @@ def list_choices(spec: Spec) -> list[Choice]:
     ]
     if len(all_choices) > _MAX_CHOICES:
         rule = f"a catalogue must have at most {_MAX_CHOICES} combinations"
-        raise refuse(rule, f"{len(all_choices)}", spec.file, "List fewer kinds, counts or diameters.")
+        raise BadInput.from_rule(
+            rule, f"{len(all_choices)}", spec.file, "List fewer kinds, counts or diameters."
+        )
     return all_choices
 
 

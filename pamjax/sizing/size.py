@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pamjax.errors import check_minimum, refuse, suggest_word
+from pamjax.errors import BadInput, check_minimum, suggest_word
 from pamjax.progress import Progress, ignore_progress
 from pamjax.sizing import chance_constraints as chance
 from pamjax.sizing import sensitivity
@@ -70,7 +70,7 @@ def size(
     (True, True)
     """
     if method not in METHODS:
-        raise refuse(
+        raise BadInput.from_rule(
             f"`method` must be {' or '.join(METHODS)}", f"{method!r}", remedy=suggest_word(method, METHODS)
         )
     check_minimum("starts", starts, 1)

@@ -17,7 +17,7 @@ from pamjax.cli.screen import (
     print_written_files,
     show_progress,
 )
-from pamjax.errors import BadInput, check_minimum, refuse
+from pamjax.errors import BadInput, check_minimum
 
 if TYPE_CHECKING:
     from pamjax.baselines.comparison import ModelComparison
@@ -63,7 +63,7 @@ def diagnose(
     for name in names:
         if names.count(name) > 1:
             rule = "cases of one command must have different names"
-            raise refuse(rule, f"{name!r} twice", remedy="Rename one folder.")
+            raise BadInput.from_rule(rule, f"{name!r} twice", remedy="Rename one folder.")
     diagnoses, notes, paths, reported_count = [], [], [], 0
     if parsed_cases:
         _print_errors(errors)  # before the long computation

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pamjax.cli.options import Json
 from pamjax.cli.screen import check_writable, print_json, print_text, print_written_files
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 
 
 def explain(
@@ -41,9 +41,9 @@ def _write_figure(name: str | None, file: Path) -> None:
 
     if name is None or "." in name:
         remedy = f"Name one of {', '.join(list_mechanisms())}."
-        raise refuse("`--figure` needs the name of a mechanism", name or "no name", remedy=remedy)
+        raise BadInput.from_rule("`--figure` needs the name of a mechanism", name or "no name", remedy=remedy)
     if file.suffix != ".png":
-        raise refuse(
+        raise BadInput.from_rule(
             "`--figure` must be a PNG file", str(file), remedy=f"Name it {file.with_suffix('.png')}."
         )
     kind = find_mechanism(name)

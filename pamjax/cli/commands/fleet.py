@@ -20,7 +20,7 @@ from pamjax.cli.screen import (
     print_text,
     print_written_files,
 )
-from pamjax.errors import check_minimum, refuse
+from pamjax.errors import BadInput, check_minimum
 
 if TYPE_CHECKING:
     from pamjax.fleet.fleet import Fleet
@@ -160,7 +160,9 @@ def _check_options(
     if scheduler is not None and (workers is not None or memory is not None):
         name = "`--workers`" if workers is not None else "`--memory`"
         remedy = "Set it where the workers of that cluster start."
-        raise refuse(f"{name} is for the workers of this machine", "`--scheduler` too", remedy=remedy)
+        raise BadInput.from_rule(
+            f"{name} is for the workers of this machine", "`--scheduler` too", remedy=remedy
+        )
     if workers is not None:
         check_minimum("--workers", workers, 1)
     if memory is not None:
@@ -168,7 +170,7 @@ def _check_options(
 
         parse_memory(memory)
     if timeout is not None and not timeout > 0:
-        raise refuse("`--timeout` must be positive", f"{timeout:g} s")
+        raise BadInput.from_rule("`--timeout` must be positive", f"{timeout:g} s")
     if seed is not None:
         check_minimum("--seed", seed, 0)
 

@@ -47,13 +47,13 @@ def inverse(
         json: print one JSON document.
     """
     from pamjax.compile.jax_cache import keep_compiled
-    from pamjax.errors import refuse
+    from pamjax.errors import BadInput
     from pamjax.units import parse_quantity
 
     has_request = force is not None and (length is None) != (pressure is None)
     if not has_request and (export is None or force or length or pressure):
         rule = "`pamjax inverse` needs `--force` with `--length` or with `--pressure`, or `--export`"
-        raise refuse(rule, remedy='Write --force "300 N" --length "210 mm".')
+        raise BadInput.from_rule(rule, remedy='Write --force "300 N" --length "210 mm".')
     if export is not None:
         check_writable(export, "`--export`")
     keep_compiled()

@@ -15,11 +15,11 @@ def new(folder: Path, /, *, json: Json = False) -> None:
         folder: case folder to write; it must be empty or not exist yet.
         json: print one JSON document.
     """
-    from pamjax.errors import refuse
+    from pamjax.errors import BadInput
     from pamjax.records.writing.template import write_template
 
     if folder.is_dir() and any(folder.iterdir()):
-        raise refuse(
+        raise BadInput.from_rule(
             "a new case needs an empty folder", f"{folder}, which has files", remedy="Name another folder."
         )
     recording, muscle = write_template(folder)

@@ -58,27 +58,29 @@ def plan(
         json: print one JSON document.
     """
     from pamjax.compile.jax_cache import keep_compiled
-    from pamjax.errors import refuse
+    from pamjax.errors import BadInput
     from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
 
     check_writable(out)
     recorded = muscle.is_dir() and (muscle / RECORDING_FILE).exists()
     if tell is not None:
         if len(tell) != 2:
-            raise refuse(
+            raise BadInput.from_rule(
                 "`--tell` needs two mechanisms", f"{len(tell)}", remedy="Name both, one after the other."
             )
         if not recorded:
             remedy = f"Name {muscle.parent}." if (muscle.parent / RECORDING_FILE).exists() else ""
-            raise refuse("`--tell` needs a case folder with a recording", f"{muscle}", remedy=remedy)
+            raise BadInput.from_rule(
+                "`--tell` needs a case folder with a recording", f"{muscle}", remedy=remedy
+            )
         if extra_options := [
             f"`--{option}`" for option, value in (("goal", goal), ("to", to), ("minutes", minutes)) if value
         ]:
-            raise refuse(
+            raise BadInput.from_rule(
                 "`--tell` cannot be combined with `--goal`, `--to` or `--minutes`", ", ".join(extra_options)
             )
         if rig is not None:
-            raise refuse(
+            raise BadInput.from_rule(
                 "`--tell` uses the rig of the recording", f"{rig.name}", remedy="Remove the rig file."
             )
         keep_compiled()

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from pamjax.cli.options import Json
 from pamjax.cli.screen import check_writable, print_json, print_text, print_written_files, show_progress
-from pamjax.errors import check_minimum, refuse
+from pamjax.errors import BadInput, check_minimum
 
 #: Recordings of `--quick` for each noise correlation, by number of concealed effects.
 _QUICK_COUNTS = {"nothing": 1, "single": 3, "pair": 1, "triple": 0, "outside": 1}
@@ -72,22 +72,24 @@ def prove(
         counts["mixed"] = mixed
     elif mixed or write:
         option = "--mixed" if mixed else "--write"
-        raise refuse(f"`{option}` needs the bank of other forms", remedy="Add --bank other-forms.")
+        raise BadInput.from_rule(
+            f"`{option}` needs the bank of other forms", remedy="Add --bank other-forms."
+        )
     correlations = tuple(correlation) if correlation else (0.0,)
     if quick:
         counts, correlations, workers = _QUICK_COUNTS, _QUICK_CORRELATIONS, max(workers, 2)
     if bank == "other-forms" and (stage == "score" or form_error):
         option = "--stage score" if stage == "score" else "--form-error"
-        raise refuse(f"the bank of other forms has no `{option}`", remedy="Remove the option.")
+        raise BadInput.from_rule(f"the bank of other forms has no `{option}`", remedy="Remove the option.")
     if stage == "score":
         counts = {"nothing": counts["nothing"]}
     for name, count in (counts | {"seed": seed}).items():
         check_minimum(name, count, 0)
     for rho in correlations:
         if not 0 <= rho <= 0.95:
-            raise refuse("`correlation` must be between 0 and 0.95", f"{rho:g}")
+            raise BadInput.from_rule("`correlation` must be between 0 and 0.95", f"{rho:g}")
     if not 0 <= form_error <= 0.5:
-        raise refuse("`form_error` must be between 0 and 0.5", f"{form_error:g}")
+        raise BadInput.from_rule("`form_error` must be between 0 and 0.5", f"{form_error:g}")
     check_minimum("workers", workers, 1)
     from pamjax.benchmark.prove import build_tasks
 
@@ -110,7 +112,7 @@ def _write_recordings(folder: Path, tasks: list, seed: int, json: bool) -> None:
 
     if folder.exists() and any(folder.iterdir()):
         rule = "`write` must be a new or an empty folder"
-        raise refuse(rule, f"{folder}, which has files", remedy="Choose another folder.")
+        raise BadInput.from_rule(rule, f"{folder}, which has files", remedy="Choose another folder.")
     check_writable(folder)
     order = np.random.default_rng(seed).permutation(len(tasks)).tolist()
     recordings = []

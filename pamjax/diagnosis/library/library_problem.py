@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 
 from pamjax.compile import programs
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.infer.fitting.joint_space import build_joint_space
 from pamjax.infer.problem.dataset import (
     Dataset,
@@ -287,7 +287,7 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
         ]
     )
     if not np.isfinite(measured).any():
-        raise refuse(
+        raise BadInput.from_rule(
             "a diagnosis needs rows with force or diameter in which the muscle is inflated and taut",
             "no such row", remedy="Inflate the muscle further, or check the zero of `pressure`.",
         )  # fmt: skip

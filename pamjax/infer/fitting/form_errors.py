@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.infer.fitting.least_squares import Solution, solve_least_squares
 from pamjax.infer.form_errors.dataset_form import (
     build_form_columns,
@@ -47,10 +47,10 @@ def check_form_errors(mechanisms: Sequence[str], loss: str) -> None:
     if not any(map(has_form_error, mechanisms)):
         got = ", ".join(mechanisms) or "no mechanism"
         rule = "a form error needs a mechanism whose equation may be inexact"
-        raise refuse(rule, got, "", 'Include one, for example `mechanisms=["braid_friction"]`.')
+        raise BadInput.from_rule(rule, got, "", 'Include one, for example `mechanisms=["braid_friction"]`.')
     if loss != "square":
         rule, remedy = "a form error needs a likelihood", 'Use `loss="square"`, or remove the outliers.'
-        raise refuse(rule, f"a {loss} loss", "", remedy)
+        raise BadInput.from_rule(rule, f"a {loss} loss", "", remedy)
 
 
 def fit_form_errors(

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pamjax.errors import BadInput, refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.infer.problem.parameter_space import FreeParameter, ParameterSpace, build_space
 from pamjax.infer.problem.priors import list_free_parameters
 from pamjax.model.parameters import THREAD_LAWS
@@ -17,25 +17,27 @@ from pamjax.records.case import Case
 def choose_law(cases: Sequence[Case], law: str | None) -> str:
     """Return the thread law of all cases, and refuse cases that cannot be fitted together."""
     if not cases:
-        raise refuse("a fit needs at least one case", "none")
+        raise BadInput.from_rule("a fit needs at least one case", "none")
     names = [case.name for case in cases]
     for name in names:
         if names.count(name) > 1:
             remedy = "The folder's name distinguishes their parameters: rename one folder."
-            raise refuse("cases that are fitted together need different names", f"{name!r} twice", "", remedy)
+            raise BadInput.from_rule(
+                "cases that are fitted together need different names", f"{name!r} twice", "", remedy
+            )
     laws = sorted({law or case.entry.baseline for case in cases})
     if len(laws) > 1:
-        raise refuse(
+        raise BadInput.from_rule(
             "cases that are fitted together share one thread law",
             " and ".join(laws),
             "[baseline] of muscle.toml",
             "Use one law for all of them.",
         )
     if laws[0] not in THREAD_LAWS:
-        raise refuse(f"unknown thread law {laws[0]!r}", remedy=suggest_word(laws[0], THREAD_LAWS))
+        raise BadInput.from_rule(f"unknown thread law {laws[0]!r}", remedy=suggest_word(laws[0], THREAD_LAWS))
     for case in cases:
         if not case.recording.channels:
-            raise refuse(
+            raise BadInput.from_rule(
                 "a fit needs a measured force or diameter",
                 "neither",
                 f"{case.name}/recording.csv",
@@ -68,7 +70,7 @@ def build_joint_space(
     free_names = sorted({name for rename in renames for name in rename})
     for name in share:
         if name not in free_names:
-            raise refuse(
+            raise BadInput.from_rule(
                 f"{name!r} is not a free parameter, so it cannot be shared",
                 remedy=suggest_word(name, free_names),
             )
@@ -76,7 +78,7 @@ def build_joint_space(
             if name not in rename:
                 raise _build_conflict_error(name, "no sd, or no such parameter", case)
     if not parameters:
-        raise refuse(
+        raise BadInput.from_rule(
             "a fit needs a free parameter",
             "every value stated without `sd`",
             "muscle.toml",
@@ -91,7 +93,7 @@ def _build_conflict_error(name: str, got: str, case: Case) -> BadInput:
         f"a shared parameter ({name}) must have one prior",
         "State the same value and sd in each case.",
     )
-    return refuse(rule, got, f"{case.name}/muscle.toml", remedy)
+    return BadInput.from_rule(rule, got, f"{case.name}/muscle.toml", remedy)
 
 
 def collect_meanings(

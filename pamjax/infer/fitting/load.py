@@ -11,7 +11,7 @@ from pathlib import Path
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.infer.fitting.io import FIT_SCHEMA
 from pamjax.infer.problem.priors import collect_stated_values, estimate_tube_sizes
 from pamjax.model.assembly import assemble, assemble_bench, list_mechanism_parameters, resolve_bench_law
@@ -89,10 +89,12 @@ def load_muscle(
     if source.suffix == ".json":
         if law is not None:
             remedy = "Omit `law`, or use the case folder."
-            raise refuse("the thread law of a calibrated muscle cannot be changed", law, source.name, remedy)
+            raise BadInput.from_rule(
+                "the thread law of a calibrated muscle cannot be changed", law, source.name, remedy
+            )
         return _load_calibrated(source, case, settings or {})
     if case is not None:
-        raise refuse("`case` needs a fit.json", str(source), remedy="Omit `case`.")
+        raise BadInput.from_rule("`case` needs a fit.json", str(source), remedy="Omit `case`.")
     file = source / MUSCLE_FILE if source.is_dir() else source
     raw = read_bytes(file)
     entry = read_muscle_toml(raw, file.name)
@@ -138,7 +140,7 @@ def _find_mechanism(name: str) -> str:
     find_meaning(name)
     owner = name.partition(".")[0]
     if owner in ("muscle", "thread"):
-        raise refuse(
+        raise BadInput.from_rule(
             "only parameters of mechanisms can be set here", name, remedy="Change it in muscle.toml."
         )
     return owner
@@ -150,23 +152,25 @@ def _load_calibrated(file: Path, case: str | None, settings: Mapping[str, float]
         document = json.loads(raw)
     # Python's reader of JSON ends in a RecursionError on thousands of brackets.
     except (ValueError, RecursionError) as error:
-        raise refuse("a calibrated muscle is a fit.json", str(error), file.name) from error
+        raise BadInput.from_rule("a calibrated muscle is a fit.json", str(error), file.name) from error
     if not isinstance(document, dict) or document.get("schema") != FIT_SCHEMA:
         got = document.get("schema", "no schema") if isinstance(document, dict) else "no object"
         remedy = "Use the model.json in the same folder." if (file.parent / "model.json").exists() else ""
-        raise refuse(f"a calibrated muscle is a file of schema {FIT_SCHEMA}", str(got), file.name, remedy)
+        raise BadInput.from_rule(
+            f"a calibrated muscle is a file of schema {FIT_SCHEMA}", str(got), file.name, remedy
+        )
     try:
         return _load_case_entry(document["cases"], file, case, settings)
     except (KeyError, TypeError, AttributeError) as error:
         rule, remedy = "a fit.json must be complete", "Write it again with `pamjax fit`."
-        raise refuse(rule, f"no {error}", file.name, remedy) from error
+        raise BadInput.from_rule(rule, f"no {error}", file.name, remedy) from error
 
 
 def _check_number(name: str, value: object, file: str) -> float:
     """Return a number of a fit.json; JSON readers of Python also accept NaN and Infinity."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not is_representable(value):
         rule, remedy = f"`{name}` must be a finite number", "Write the file again with `pamjax fit`."
-        raise refuse(rule, repr(value), file, remedy)
+        raise BadInput.from_rule(rule, repr(value), file, remedy)
     return float(value)
 
 
@@ -176,10 +180,12 @@ def _load_case_entry(
     if not cases:
         raise KeyError("case")
     if case is None and len(cases) > 1:
-        raise refuse("a fit of several cases needs `case`", ", ".join(cases), file.name, "Choose one case.")
+        raise BadInput.from_rule(
+            "a fit of several cases needs `case`", ", ".join(cases), file.name, "Choose one case."
+        )
     name = case or next(iter(cases))
     if name not in cases:
-        raise refuse(f"unknown case {name!r} in {file.name}", remedy=suggest_word(name, cases))
+        raise BadInput.from_rule(f"unknown case {name!r} in {file.name}", remedy=suggest_word(name, cases))
     case_entry = cases[name]
     numbers = {
         key: jnp.asarray(_check_number(key, value, file.name))

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.records.case import Case
 from pamjax.records.files import write_atomically
@@ -129,6 +129,6 @@ def _check_identity(saved_identity: dict[str, Any], expected: dict[str, Any], fo
             differences = {"data": "another recording", "model": "another model", "priors": "other priors"}
             rule = f"a saved chain can only be resumed with the same {key}"
             remedy = "Use another `--out`, or delete that folder to start a new chain."
-            raise refuse(
+            raise BadInput.from_rule(
                 rule, differences.get(key, f"{saved_identity.get(key)!r}, not {value!r}"), str(folder), remedy
             )

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.infer.posterior.io import POSTERIOR_SCHEMA
 from pamjax.infer.posterior.loo import MAX_PARETO_K, compute_loo_score
 from pamjax.notebook import NotebookNote
@@ -119,12 +119,12 @@ def compare(posteriors: Sequence[str | Path]) -> PosteriorComparison:
     """
     files = [Path(path) for path in posteriors]
     if not files:
-        raise refuse("a comparison needs a posterior", "none")
+        raise BadInput.from_rule("a comparison needs a posterior", "none")
     read_scores = [_read_score(path) for path in files]
     for (score, observed_data), path in zip(read_scores, files, strict=True):
         if not _are_data_equal(read_scores[0][1], observed_data) or score.blocks != read_scores[0][0].blocks:
             remedy = "Sample both from the same recording.csv."
-            raise refuse(
+            raise BadInput.from_rule(
                 "posteriors must have the same measurements", "other measurements", str(path), remedy
             )
     return PosteriorComparison(tuple(sorted((score for score, _ in read_scores), key=lambda s: -s.total)))
@@ -135,16 +135,16 @@ def _read_score(path: Path) -> tuple[PosteriorScore, dict[str, np.ndarray]]:
 
     file = path / "posterior.nc" if path.is_dir() else path
     if not file.is_file():
-        raise refuse(f"there is no file {file}", remedy="`pamjax sample` writes one.")
+        raise BadInput.from_rule(f"there is no file {file}", remedy="`pamjax sample` writes one.")
     try:
         tree = xr.open_datatree(file, engine="h5netcdf")
     except (OSError, ValueError) as error:
-        raise refuse(
+        raise BadInput.from_rule(
             "a posterior is a netCDF that `pamjax sample` wrote", "another file", str(file)
         ) from error
     with tree:
         if tree.attrs.get("schema") != POSTERIOR_SCHEMA:
-            raise refuse(
+            raise BadInput.from_rule(
                 f"a posterior is a file of schema {POSTERIOR_SCHEMA}",
                 str(tree.attrs.get("schema")),
                 str(file),

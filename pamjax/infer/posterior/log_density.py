@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.infer.fitting.result import Fit
 from pamjax.infer.posterior.ar1_likelihood import (
     Ar1Likelihood,
@@ -119,17 +119,21 @@ def build_density(
     """
     if fit.loss != "square":
         remedy = 'Fit with `loss="square"`, or remove the outliers.'
-        raise refuse("a posterior needs a likelihood", f"a {fit.loss} loss", remedy=remedy)
+        raise BadInput.from_rule("a posterior needs a likelihood", f"a {fit.loss} loss", remedy=remedy)
     if fit.has_form_errors:
         remedy = "Use the standard deviations of `pamjax fit`, or fit without form errors."
-        raise refuse("a posterior contains no form errors", "a fit with form errors", remedy=remedy)
+        raise BadInput.from_rule(
+            "a posterior contains no form errors", "a fit with form errors", remedy=remedy
+        )
     for case_fit in fit.cases:
         if case_fit.case.recording.measures_length:
             rule, got = (
                 "a posterior needs a measured force or diameter",
                 "a measured length ([test] of muscle.toml)",
             )
-            raise refuse(rule, got, case_fit.case.name, "Use the standard deviations of `pamjax fit`.")
+            raise BadInput.from_rule(
+                rule, got, case_fit.case.name, "Use the standard deviations of `pamjax fit`."
+            )
     priors = dict(priors or {})
     parameters = [
         _apply_prior(_build_free_parameter(name, e), priors.pop(name, None))
@@ -145,7 +149,7 @@ def build_density(
         likelihoods.append(tuple(channels))
     if priors:
         name = next(iter(priors))
-        raise refuse(
+        raise BadInput.from_rule(
             f"{name!r} is not a free parameter of this fit",
             remedy=suggest_word(name, [n.name for n in parameters]),
         )
@@ -190,7 +194,7 @@ def _apply_prior(parameter: FreeParameter, prior: Mapping[str, Any] | None) -> F
     low, high = prior.get("low", meaning.low), prior.get("high", meaning.high)
     if not meaning.low <= low < high <= meaning.high:
         rule = f"the bounds of `{parameter.name}` must be ascending and within its physical bounds"
-        raise refuse(rule, f"{low:g} to {high:g} {meaning.unit}", "the priors")
+        raise BadInput.from_rule(rule, f"{low:g} to {high:g} {meaning.unit}", "the priors")
     start = prior.get(
         "value", min(max(parameter.start, low + 1e-3 * (high - low)), high - 1e-3 * (high - low))
     )

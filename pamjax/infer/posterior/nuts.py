@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.infer.posterior.checkpoint import Arrays
 from pamjax.infer.posterior.laplace import GaussianApproximation
 from pamjax.infer.posterior.log_density import PosteriorDensity
@@ -65,7 +65,7 @@ def _import_blackjax() -> Any:
         import blackjax
     except ImportError as error:
         remedy = "Run `pip install -e '.[nuts]'` in the folder of the clone of pamjax."
-        raise refuse("the sampler nuts needs blackjax", "no such package", "", remedy) from error
+        raise BadInput.from_rule("the sampler nuts needs blackjax", "no such package", "", remedy) from error
     return blackjax
 
 

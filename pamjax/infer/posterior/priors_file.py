@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.infer.posterior.ar1_likelihood import find_noise_units
 from pamjax.model.parameters import find_meaning
 from pamjax.parameter import Meaning
@@ -35,15 +35,19 @@ def read_priors(path: Path) -> dict[str, dict[str, float]]:
 def _parse_prior(name: str, entry: Any, file: str) -> dict[str, float]:
     if not isinstance(entry, dict) or any(isinstance(v, dict) for v in entry.values()):
         remedy = f'Write ["{name}...."] with the quotes, then value and sd.'
-        raise refuse("a prior is a table with the name of its parameter in quotes", f"{name}", file, remedy)
+        raise BadInput.from_rule(
+            "a prior is a table with the name of its parameter in quotes", f"{name}", file, remedy
+        )
     meaning = _find_meaning(name)
     prior = {}
     for key, text in entry.items():
         if key not in _PRIOR_KEYS:
-            raise refuse(f"a prior has no entry {key!r}", f"[{name}]", file, suggest_word(key, _PRIOR_KEYS))
+            raise BadInput.from_rule(
+                f"a prior has no entry {key!r}", f"[{name}]", file, suggest_word(key, _PRIOR_KEYS)
+            )
         prior[key] = parse_number(str(text), meaning.unit, f"[{name}] of {file}")
     if not prior.get("sd", 1.0) > 0:
-        raise refuse(
+        raise BadInput.from_rule(
             "`sd` of a prior must be positive",
             format_quantity(prior["sd"], meaning.show),
             f"[{name}] of {file}",

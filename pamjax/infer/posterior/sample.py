@@ -10,7 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.infer.fitting.fit import fit as calibrate
 from pamjax.infer.fitting.result import Fit
 from pamjax.infer.posterior.checkpoint import Arrays, Checkpoint, build_identity
@@ -166,8 +166,8 @@ def _set_powers(density: PosteriorDensity, powers: np.ndarray) -> PosteriorDensi
 
 def _check_settings(sampler: str, ess: float, rhat: float, max_draws: int, seed: int) -> None:
     if sampler not in _SAMPLERS:
-        raise refuse(f"unknown sampler {sampler!r}", remedy=suggest_word(sampler, _SAMPLERS))
+        raise BadInput.from_rule(f"unknown sampler {sampler!r}", remedy=suggest_word(sampler, _SAMPLERS))
     minimums = {"ess": (ess, 1), "rhat": (rhat, 1), "max_draws": (max_draws, 100), "seed": (seed, 0)}
     for name, (value, low) in minimums.items():
         if not value >= low:
-            raise refuse(f"`{name}` must be at least {low}", f"{value}")
+            raise BadInput.from_rule(f"`{name}` must be at least {low}", f"{value}")

@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.parameter import Meaning
 from pamjax.units import format_quantity
 
@@ -57,7 +57,7 @@ class FreeParameter:
                 f"`{self.name}` must be between {format_quantity(low, unit)} and"
                 f" {format_quantity(high, unit)}"
             )
-            raise refuse(rule, format_quantity(self.start, unit), remedy="Check its unit.")
+            raise BadInput.from_rule(rule, format_quantity(self.start, unit), remedy="Check its unit.")
 
 
 class ParameterSpace(eqx.Module):
@@ -160,7 +160,7 @@ def build_space(parameters: Sequence[FreeParameter]) -> ParameterSpace:
     names = tuple(n.name for n in parameters)
     for name in names:
         if names.count(name) > 1:
-            raise refuse("free parameters need different names", f"{name!r} twice")
+            raise BadInput.from_rule("free parameters need different names", f"{name!r} twice")
     log = np.array([n.meaning.scale == "log" for n in parameters], dtype=bool)
     low = np.array([n.meaning.low for n in parameters], dtype=float)
     high = np.array([n.meaning.high for n in parameters], dtype=float)

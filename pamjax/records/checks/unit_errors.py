@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.records.reading.muscle_toml import MuscleToml
 from pamjax.records.recording import Recording
 from pamjax.units import compute_si_factor, format_quantity
@@ -93,7 +93,7 @@ def _check_pull(recording: Recording, entry: MuscleToml, column_units: dict[str,
         f" {_MAX_SLACK_SD:g}"
     )
     remedy = "The muscle is slack in every row: measure at a larger length or pressure."
-    raise refuse(rule, f"at most {format_quantity(largest, unit, 3)}", file, remedy)
+    raise BadInput.from_rule(rule, f"at most {format_quantity(largest, unit, 3)}", file, remedy)
 
 
 def _check_length(
@@ -112,8 +112,8 @@ def _check_length(
                 "If the column is a displacement, convert it to a length: use `pamjax import` with a "
                 "`scale` of -1 and the rest length in [tare]."
             )
-            raise refuse(rule, got, file, remedy)
-        raise refuse(
+            raise BadInput.from_rule(rule, got, file, remedy)
+        raise BadInput.from_rule(
             rule, got, file, _suggest_remedy(ratio, _list_unit_errors("length", column_units["length"]))
         )
     if abs(ratio - 1.0) > 0.15:
@@ -141,7 +141,9 @@ def _check_force(
     got = f"{ratio:.4g} times the force of the ideal braid"
     if low < -_FORCE_RATIO_LIMITS[0] and ratio < _FORCE_RATIO_LIMITS[0]:
         got = f"{low:.4g} times the force of the ideal braid"
-        raise refuse("`force` must be positive when the muscle pulls", got, file, "Change its sign.")
+        raise BadInput.from_rule(
+            "`force` must be positive when the muscle pulls", got, file, "Change its sign."
+        )
     # A factor of the pressure multiplies the ideal force, and divides the ratio.
     pressure_errors = [
         (1.0 / factor, name) for factor, name in _list_unit_errors("pressure", column_units["pressure"])
@@ -155,7 +157,7 @@ def _check_force(
             " Check the units in the headers."
         ]
     unit_errors = pressure_errors + _list_unit_errors("force", column_units["force"])
-    raise refuse(
+    raise BadInput.from_rule(
         "`force` and `pressure` must agree with the braid", got, file, _suggest_remedy(ratio, unit_errors)
     )
 
@@ -175,7 +177,9 @@ def _check_diameter(recording: Recording, entry: MuscleToml, column_units: dict[
         *_list_unit_errors("diameter", column_units["diameter"]),
     ]
     got = f"{ratio:.4g} times the diameter of the ideal braid"
-    raise refuse("`diameter` must agree with the braid", got, file, _suggest_remedy(ratio, unit_errors))
+    raise BadInput.from_rule(
+        "`diameter` must agree with the braid", got, file, _suggest_remedy(ratio, unit_errors)
+    )
 
 
 def _check_gauge(recording: Recording, entry: MuscleToml, file: str) -> list[str]:
@@ -204,7 +208,7 @@ def _check_gauge(recording: Recording, entry: MuscleToml, file: str) -> list[str
     got = f"zero force at {format_quantity(zero_force_pressure, 'kPa', 3)}"
     if not is_vented:
         return [f"`pressure` in {file} may be absolute: near the rest length, got {got}. {remedy}"]
-    raise refuse("`pressure` must be gauge pressure", got, file, remedy)
+    raise BadInput.from_rule("`pressure` must be gauge pressure", got, file, remedy)
 
 
 def _compute_force_area(length: np.ndarray, entry: MuscleToml) -> np.ndarray:

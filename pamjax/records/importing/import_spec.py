@@ -16,7 +16,7 @@ from pydantic import (
     model_validator,
 )
 
-from pamjax.errors import BadInput, refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.records.files import read_bytes
 from pamjax.records.reading import toml_errors
 from pamjax.records.reading.header import COLUMN_KINDS, split_title
@@ -56,14 +56,14 @@ class FilesTable(_ImportTable):
     def _check_marks(self) -> FilesTable:
         if self.thousands == self.decimal:
             rule, remedy = "`thousands` and `decimal` must differ", "Correct one of them."
-            raise refuse(rule, repr(self.decimal), "[files]", remedy)
+            raise BadInput.from_rule(rule, repr(self.decimal), "[files]", remedy)
         return self
 
 
 def _check_scale(scale: float) -> float:
     if scale == 0.0:
         remedy = "Write the channel's units per unit of the file."
-        raise refuse("`scale` must not be zero", "0", "[columns]", remedy)
+        raise BadInput.from_rule("`scale` must not be zero", "0", "[columns]", remedy)
     return scale
 
 
@@ -160,7 +160,9 @@ class ImportSpec(_ImportTable):
     def _check_columns(self) -> ImportSpec:
         for name in self.columns:
             if name not in COLUMN_KINDS:
-                raise refuse(f"unknown channel `{name}`", "", "[columns]", suggest_word(name, COLUMN_KINDS))
+                raise BadInput.from_rule(
+                    f"unknown channel `{name}`", "", "[columns]", suggest_word(name, COLUMN_KINDS)
+                )
         for k, test in enumerate(self.tests, 1):
             _check_test(self, test, k)
         return self
@@ -171,12 +173,18 @@ def _check_test(spec: ImportSpec, test: TestTable, k: int) -> None:
     for name in ("pressure", "length"):
         sources = bool(getattr(test, name)), name in spec.columns
         if all(sources):
-            raise refuse(f"`{name}` must be a column or stated for the test", "both", where, "Remove one.")
+            raise BadInput.from_rule(
+                f"`{name}` must be a column or stated for the test", "both", where, "Remove one."
+            )
         if not any(sources):
             remedy = f'Add it to [columns], or state it for the test: {name} = "...".'
-            raise refuse(f"`{name}` must be a column or stated for the test", "neither", where, remedy)
+            raise BadInput.from_rule(
+                f"`{name}` must be a column or stated for the test", "neither", where, remedy
+            )
     if not test.file:
-        raise refuse("`file` must name at least one file", repr(test.file), where, "Write a path.")
+        raise BadInput.from_rule(
+            "`file` must name at least one file", repr(test.file), where, "Write a path."
+        )
     if isinstance(test.file, dict):
         channels = set(spec.columns) - {"time"}
         if set(test.file) != channels:
@@ -184,7 +192,7 @@ def _check_test(spec: ImportSpec, test: TestTable, k: int) -> None:
             rule = "`file` must state a file for each channel: " + ", ".join(
                 f"`{n}`" for n in sorted(channels)
             )
-            raise refuse(rule, got, where, "Add or remove channels of `file`.")
+            raise BadInput.from_rule(rule, got, where, "Add or remove channels of `file`.")
 
 
 def read_import_spec(path: str | Path) -> ImportSpec:
@@ -221,7 +229,7 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
             "column": "the header or the number of the column.",
             "file": "the file of the test.",
         }.get(key, "its value: it has no default.")
-        return refuse(f"`{key}` must be stated", "", where, remedy)
+        return BadInput.from_rule(f"`{key}` must be stated", "", where, remedy)
     if first["type"] == "extra_forbidden":
         table_class = {
             "files": FilesTable,
@@ -230,5 +238,5 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
             "columns": ChannelEntry,
         }.get(path[0], ImportSpec)
         valid_names = (ImportSpec if len(path) == 1 else table_class).model_fields
-        return refuse(f"unknown entry `{key}`", "", where, suggest_word(key, valid_names))
-    return refuse(toml_errors.format_rule(first, key), toml_errors.format_input(first), where)
+        return BadInput.from_rule(f"unknown entry `{key}`", "", where, suggest_word(key, valid_names))
+    return BadInput.from_rule(toml_errors.format_rule(first, key), toml_errors.format_input(first), where)

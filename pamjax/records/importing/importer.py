@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
-from pamjax.errors import BadInput, refuse
+from pamjax.errors import BadInput
 from pamjax.notebook import NotebookNote
 from pamjax.records.case import Case, read_case
 from pamjax.records.files import decode_text, read_bytes
@@ -93,7 +93,7 @@ def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
     spec, base_folder = read_import_spec(rig), rig.absolute().parent
     if not spec.muscle or not (base_folder / spec.muscle).is_file():
         remedy = "Check the path, or create one with `pamjax new`."
-        raise refuse("`muscle` must be the path of a muscle.toml", spec.muscle, rig.name, remedy)
+        raise BadInput.from_rule("`muscle` must be the path of a muscle.toml", spec.muscle, rig.name, remedy)
     _check_inside(base_folder / spec.muscle, base_folder, spec.muscle, rig.name)
     muscle = read_bytes(base_folder / spec.muscle)
     read_muscle_toml(muscle, Path(spec.muscle).name)
@@ -135,7 +135,7 @@ def _find_files(test: TestTable, base_folder: Path) -> list[dict[str, Path]]:
     if len(counts) > 1:
         got = " and ".join(f"{len(paths)} for {channel}" for channel, paths in matches.items())
         rule = "the patterns of a test must match the same number of files for each channel"
-        raise refuse(rule, got, remedy="Check the patterns in [[tests]].")
+        raise BadInput.from_rule(rule, got, remedy="Check the patterns in [[tests]].")
     return [dict(zip(matches, paths, strict=True)) for paths in zip(*matches.values(), strict=True)]
 
 
@@ -147,7 +147,9 @@ def _match_patterns(patterns: str | list[str], base_folder: Path) -> list[Path]:
             _check_inside(Path(path), base_folder, pattern, "[[tests]]")
         if not paths:
             got = f"no match for {pattern}"
-            raise refuse("each test needs a file", got, f"{base_folder}", "Check `file` in [[tests]].")
+            raise BadInput.from_rule(
+                "each test needs a file", got, f"{base_folder}", "Check `file` in [[tests]]."
+            )
         files += sorted(paths, key=_build_sort_key)
     return [Path(path) for path in files]
 
@@ -157,7 +159,7 @@ def _check_inside(path: Path, base_folder: Path, text: str, where: str) -> None:
     # `Path.resolve` raises an error for a link to itself; `realpath` does not.
     if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(base_folder)):
         rule = "files of an import must be in the folder of its TOML file, or below"
-        raise refuse(rule, text, where, "Copy the files there.")
+        raise BadInput.from_rule(rule, text, where, "Copy the files there.")
 
 
 def _build_sort_key(text: str) -> list:
@@ -181,7 +183,7 @@ def _read_test(
         if len(values) != (row_count if time is None else len(time)):
             remedy = "State the column of `time`, or the `rate` in [files]."
             rule = "a channel must have as many rows as its `time`, or without `time` as the other channels"
-            raise refuse(rule, f"{len(values)} rows of `{name}`", file.name, remedy)
+            raise BadInput.from_rule(rule, f"{len(values)} rows of `{name}`", file.name, remedy)
         if time is not None and clock is not None and time is not clock:
             # Outside the time of its own file, a channel was not measured.
             values = np.interp(clock, time, values, left=np.nan, right=np.nan)
@@ -206,7 +208,7 @@ def _read_channel(spec: ImportSpec, name: str, file: RigFile) -> np.ndarray:
         k = int(np.argmax(too_large))
         rule = f"`{name}` must be at most {MAGNITUDE_LIMITS[1]:g} in SI units"
         remedy = "Check the cell, and `unit`, `zero` and `scale` in [columns]."
-        raise refuse(rule, f"the reading {readings[k]:g}", file.locate_row(k), remedy)
+        raise BadInput.from_rule(rule, f"the reading {readings[k]:g}", file.locate_row(k), remedy)
     return values
 
 
@@ -219,13 +221,13 @@ def _read_clock(spec: ImportSpec, file: RigFile) -> np.ndarray | None:
             bad_row = int(decreases[0]) + 1 if decreases.size else int(np.argmin(np.isfinite(time)))
             remedy = "A file must contain one test: split it where the time restarts."
             rule = "`time` must be finite and must not decrease"
-            raise refuse(rule, f"{time[bad_row]:g} s", file.locate_row(bad_row), remedy)
+            raise BadInput.from_rule(rule, f"{time[bad_row]:g} s", file.locate_row(bad_row), remedy)
         return time
     if not spec.files.rate:
         return None
     rate = parse_quantity(spec.files.rate, "frequency", "[files] rate")
     if rate <= 0:
-        raise refuse("`rate` must be positive", spec.files.rate, "[files]")
+        raise BadInput.from_rule("`rate` must be positive", spec.files.rate, "[files]")
     first = next(c.column for name, c in spec.columns.items() if name != "time")
     return np.arange(len(file[first])) / rate
 
@@ -238,17 +240,17 @@ def _subtract_tare(
         return columns, {}
     if "time" not in columns:
         remedy = "State the column of `time`, or the `rate` in [files]."
-        raise refuse("[tare] needs the time of each row", "none", file, remedy)
+        raise BadInput.from_rule("[tare] needs the time of each row", "none", file, remedy)
     start, end = spec.tare.parse_span()
     inside = (columns["time"] >= start) & (columns["time"] <= end)
     if not inside.any():
         rule = "each test must have samples in the interval of [tare]"
-        raise refuse(rule, f"none from {start:g} to {end:g} s", file, "Check `start` and `end`.")
+        raise BadInput.from_rule(rule, f"none from {start:g} to {end:g} s", file, "Check `start` and `end`.")
     tare_readings: dict[str, float] = {}
     for name, true in spec.tare.parse_true_values().items():
         if name not in columns:
             rule = f"`{name}` of [tare] must be a column"
-            raise refuse(rule, "none", "[columns]", "Add it there, or remove it from [tare].")
+            raise BadInput.from_rule(rule, "none", "[columns]", "Add it there, or remove it from [tare].")
         tare_readings[name] = float(np.nanmedian(columns[name][inside]))
         columns[name] = columns[name] - tare_readings[name] + true
     # A tare interval of zero length removes no row.
@@ -256,7 +258,7 @@ def _subtract_tare(
         return columns, tare_readings
     if inside.all():
         got = f"{columns['time'][-1]:g} s in total"
-        raise refuse("a test must be longer than its [tare]", got, file, "Check `end` of [tare].")
+        raise BadInput.from_rule("a test must be longer than its [tare]", got, file, "Check `end` of [tare].")
     return {name: values[~inside] for name, values in columns.items()}, tare_readings
 
 
@@ -273,13 +275,17 @@ def _join_tests(pieces: Sequence[dict[str, np.ndarray]], spec: ImportSpec) -> Re
     """Return all tests as one recording, numbered in `cycle` if there is no such column."""
     gap = parse_quantity(spec.gap, "time", "`gap`")
     if not 0.0 < gap <= _MAX_GAP:
-        raise refuse("`gap` must be positive and at most 10 years", spec.gap, "", "Write it as `1 s`.")
+        raise BadInput.from_rule(
+            "`gap` must be positive and at most 10 years", spec.gap, "", "Write it as `1 s`."
+        )
     has_time = {"time" in piece for piece in pieces} == {True}
     if spec.median:
         block = parse_quantity(spec.median, "time", "`median`")
         if not has_time or block <= 0:
             rule = "`median` must be a positive duration, and each row needs a time"
-            raise refuse(rule, spec.median, "", "State the column of `time`, or the `rate` in [files].")
+            raise BadInput.from_rule(
+                rule, spec.median, "", "State the column of `time`, or the `rate` in [files]."
+            )
         pieces = [_thin_columns(piece, block) for piece in pieces]
     start_time = 0.0
     for number, piece in enumerate(pieces, 1):
@@ -304,4 +310,4 @@ def _check_cycles(cycle: np.ndarray) -> None:
     if not is_valid.all():
         rule = f"`cycle` must be a whole number from 0 to {MAX_CYCLE}"
         got = f"{cycle[np.argmin(is_valid)]:g}"
-        raise refuse(rule, got, "the files of [[tests]]", "Number the strokes 1, 2, 3.")
+        raise BadInput.from_rule(rule, got, "the files of [[tests]]", "Number the strokes 1, 2, 3.")

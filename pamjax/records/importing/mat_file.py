@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.records.importing.mat_child import EXIT_UNUSABLE
 
 #: Longest time for one file, s.
@@ -31,12 +31,14 @@ def read_mat(path: Path, matrix: str) -> dict[str, np.ndarray]:
     """
     arrays = _read_arrays(path)
     if not arrays:
-        raise refuse(f"{path.name} must contain arrays of numbers", "none", remedy=_READER_REMEDY)
+        raise BadInput.from_rule(f"{path.name} must contain arrays of numbers", "none", remedy=_READER_REMEDY)
     if not matrix:
         is_vector = {name: values.size == max(values.shape, default=1) for name, values in arrays.items()}
         return {name: values.ravel() for name, values in arrays.items() if is_vector[name]}
     if matrix not in arrays:
-        raise refuse(f"{path.name} must have a variable `{matrix}`", "none", "", suggest_word(matrix, arrays))
+        raise BadInput.from_rule(
+            f"{path.name} must have a variable `{matrix}`", "none", "", suggest_word(matrix, arrays)
+        )
     table = np.atleast_2d(arrays[matrix])
     if table.shape[0] < table.shape[1]:  # one row per sample, also for a transposed matrix
         table = table.T
@@ -54,10 +56,10 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
         )
     except subprocess.TimeoutExpired as error:
         got = f"a file that takes more than {_READER_TIMEOUT:g} s"
-        raise refuse(rule, got, remedy=_READER_REMEDY) from error
+        raise BadInput.from_rule(rule, got, remedy=_READER_REMEDY) from error
     if process.returncode == EXIT_UNUSABLE:
-        raise refuse(rule, process.stderr.decode("utf-8", "replace"), remedy=_READER_REMEDY)
+        raise BadInput.from_rule(rule, process.stderr.decode("utf-8", "replace"), remedy=_READER_REMEDY)
     if process.returncode:
-        raise refuse(rule, "a corrupt file, which stopped the reader", remedy=_READER_REMEDY)
+        raise BadInput.from_rule(rule, "a corrupt file, which stopped the reader", remedy=_READER_REMEDY)
     content = np.load(io.BytesIO(process.stdout), allow_pickle=False)
     return {str(name): content[f"arr_{k}"] for k, name in enumerate(content["names"])}

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pamjax.errors import format_printable, refuse, suggest_word
+from pamjax.errors import BadInput, format_printable, suggest_word
 from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.import_spec import FilesTable
 from pamjax.records.importing.mat_file import read_mat
@@ -57,12 +57,14 @@ class RigFile:
             if column > len(names):
                 rule = f"{self.name} must have a column {column}"
                 got = f"{len(names)} columns"
-                raise refuse(rule, got, remedy="Columns count from 1. Check `separator` in [files].")
+                raise BadInput.from_rule(
+                    rule, got, remedy="Columns count from 1. Check `separator` in [files]."
+                )
             return self._parse_cells(self._columns[names[column - 1]], f"{column}")
         plain = {split_title(name)[0]: name for name in self._columns}
         header = column if column in self._columns else plain.get(column, "")
         if not header:
-            raise refuse(
+            raise BadInput.from_rule(
                 f"{self.name} must have a column `{column}`",
                 "none",
                 remedy=suggest_word(column, self._columns),
@@ -84,7 +86,7 @@ class RigFile:
             cell = raw_texts[invalid[0]]
             rule = f"column {column} must contain only numbers or blanks"
             got = repr(format_printable(cell, MAX_CELL_CHARACTERS))
-            raise refuse(rule, got, self.locate_row(invalid[0]), _suggest_format(cell))
+            raise BadInput.from_rule(rule, got, self.locate_row(invalid[0]), _suggest_format(cell))
         return np.array([cell or "nan" for cell in texts], dtype=float)
 
     def _replace_marks(self, cell: str) -> str:
@@ -107,7 +109,7 @@ def _read_csv(text: str, file_format: FilesTable, file: str) -> dict[str, Any]:
     lines = split_lines(text)
     if file_format.skip >= len(lines):
         rule = f"`skip` must be less than the number of lines of {file} ({len(lines)})"
-        raise refuse(rule, f"{file_format.skip}", "[files]", "Count the lines above the header.")
+        raise BadInput.from_rule(rule, f"{file_format.skip}", "[files]", "Count the lines above the header.")
     # The lines above the table may contain any characters.
     lines = ["\n" if k < file_format.skip else line for k, line in enumerate(lines)]
     mark = " " if file_format.separator == "space" else _SEPARATORS[file_format.separator]
@@ -130,18 +132,20 @@ def _read_csv(text: str, file_format: FilesTable, file: str) -> dict[str, Any]:
                 skipinitialspace=True,
             )
     except (pd.errors.ParserError, pd.errors.ParserWarning, pd.errors.EmptyDataError) as error:
-        raise refuse(
+        raise BadInput.from_rule(
             f"{file} must be a table",
             _format_ragged(str(error)),
             remedy="Check `skip` and `separator` in [files].",
         ) from error
     if table.shape[1] == 1 and (other := _guess_separator(text, file_format)):
         remedy = f'Write separator = "{other}" in [files].'
-        raise refuse(f"the cells of {file} must be separated by {file_format.separator!r}", "", "", remedy)
+        raise BadInput.from_rule(
+            f"the cells of {file} must be separated by {file_format.separator!r}", "", "", remedy
+        )
     while len(table) and table.iloc[-1].isna().all():
         table = table.iloc[:-1]
     if not len(table):
-        raise refuse(
+        raise BadInput.from_rule(
             f"{file} must contain rows of numbers", "none", remedy="Check `skip` and `header` in [files]."
         )
     return {str(name).strip(): table[name].to_numpy() for name in table.columns}

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from pamjax.channels import CHANNEL_BY_NAME
-from pamjax.errors import BadInput, refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.units import parse_unit, suggest_units
 
 #: Kind of quantity of each column.
@@ -83,7 +83,7 @@ def find_columns(
         if name in columns:
             got = f"`{columns[name].header}` and `{title}`"
             remedy = "Remove one, or map the correct one in [columns] of muscle.toml."
-            raise refuse(f"only one column can be `{name}`", got, file, remedy)
+            raise BadInput.from_rule(f"only one column can be `{name}`", got, file, remedy)
         try:
             columns[name] = _build_column(name, title, index, file)
         except BadInput as error:
@@ -101,7 +101,7 @@ def _match_names(titles: Sequence[str], mapping: Mapping[str, str], file: str) -
     names: list[str | None] = [None] * len(titles)
     for name, mapped_header in mapping.items():
         if name not in COLUMN_KINDS:
-            raise refuse(
+            raise BadInput.from_rule(
                 f"unknown channel `{name}`",
                 where="[columns]",
                 remedy=suggest_word(name, COLUMN_KINDS),
@@ -111,7 +111,7 @@ def _match_names(titles: Sequence[str], mapping: Mapping[str, str], file: str) -
         ]
         if not matches:
             rule = f"`[columns] {name}` must be a header of {file}"
-            raise refuse(
+            raise BadInput.from_rule(
                 rule,
                 f"`{mapped_header}`",
                 remedy=suggest_word(mapped_header, [title for title in titles if title]),
@@ -131,16 +131,16 @@ def _build_column(name: str, title: str, index: int, file: str) -> Column:
     kind = COLUMN_KINDS[name]
     if kind == "count":
         if unit not in (None, *_NO_UNIT_MARKS):
-            raise refuse(
+            raise BadInput.from_rule(
                 f"`{name}` must be a whole number without a unit", f"{unit!r}", where, "Remove the unit."
             )
         return Column(name, title, index, "1", 1.0)
     if not unit:
         remedy = f"Write it as `{split_title(title)[0]} [unit]`, with a unit such as {suggest_units(kind)}."
-        raise refuse(f"the header of `{name}` must state its unit", f"`{title}`", file, remedy)
+        raise BadInput.from_rule(f"the header of `{name}` must state its unit", f"`{title}`", file, remedy)
     if unit in _ABSOLUTE_UNITS and name == "pressure":
         remedy = "Subtract the atmospheric pressure, and write the unit without the `a`."
-        raise refuse("`pressure` must be gauge pressure", f"{unit!r}", where, remedy)
+        raise BadInput.from_rule("`pressure` must be gauge pressure", f"{unit!r}", where, remedy)
     unit = _GAUGE_UNITS.get(unit, unit)
     return Column(name, title, index, unit, parse_unit(unit, kind, where))
 
@@ -167,7 +167,7 @@ def _build_missing_error(name: str, titles: Sequence[str], file: str, hint: str 
     remedy = f'If it is `{guess}`, map it in muscle.toml: [columns] {name} = "{guess}".' if guess else ""
     remedy = remedy or f"Rename its header, or map it as `{name}` in [columns] of muscle.toml."
     quoted_titles = ", ".join(f"`{title}`" for title in titles if title)
-    return refuse(
+    return BadInput.from_rule(
         f"a recording must have a column `{_USUAL_HEADERS[name]}`", quoted_titles, file, remedy + hint
     )
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from pamjax.errors import BadInput, refuse
+from pamjax.errors import BadInput
 from pamjax.records.reading.quantity import MeasuredValue
 from pamjax.records.reading.schema import MuscleDocument, MuscleTable, ThreadTable, read_document
 from pamjax.records.reading.specimen import Specimen
@@ -176,7 +176,7 @@ def _find_rest_length(muscle: MuscleTable, file: str) -> MeasuredValue:
     length = muscle.rest_length or muscle.length
     if length is None:
         remedy = 'Write the length between the fittings at rest: rest_length = "235 mm".'
-        raise refuse("[muscle] must state `rest_length`", "none", file, remedy)
+        raise BadInput.from_rule("[muscle] must state `rest_length`", "none", file, remedy)
     return length
 
 
@@ -191,7 +191,9 @@ def _check_braid(muscle: MuscleTable, rest_length: MeasuredValue, file: str) -> 
     if thread is not None and rest_length.value >= thread.value:
         rule = f"`rest_length` must be shorter than the thread ({format_quantity(thread.value, 'mm')})"
         remedy = "`thread_length` is measured along one thread, from fitting to fitting."
-        raise refuse(rule, format_quantity(rest_length.value, "mm"), f"[muscle] of {file}", remedy)
+        raise BadInput.from_rule(
+            rule, format_quantity(rest_length.value, "mm"), f"[muscle] of {file}", remedy
+        )
 
 
 def _build_braid_error(stated_names: list[str], file: str) -> BadInput:
@@ -202,7 +204,7 @@ def _build_braid_error(stated_names: list[str], file: str) -> BadInput:
     )
     if len(stated_names) == 2:
         remedy = "Complete one pair and remove the other."
-    return refuse(rule, got, file, remedy)
+    return BadInput.from_rule(rule, got, file, remedy)
 
 
 def _check_test(tables: MuscleDocument, file: str) -> None:
@@ -211,15 +213,17 @@ def _check_test(tables: MuscleDocument, file: str) -> None:
     if test.measured == "force":
         if test.load is not None:
             remedy = 'Write measured = "length" if a weight sets the force; otherwise remove `load`.'
-            raise refuse("`load` needs a measured length", 'measured = "force"', f"[test] of {file}", remedy)
+            raise BadInput.from_rule(
+                "`load` needs a measured length", 'measured = "force"', f"[test] of {file}", remedy
+            )
         return
     if tables.muscle.length is not None:
         remedy = "Remove `length`, or remove [test]."
-        raise refuse("a measured length cannot be fixed", "`length` in [muscle]", file, remedy)
+        raise BadInput.from_rule("a measured length cannot be fixed", "`length` in [muscle]", file, remedy)
     if tables.sensors.length and tables.sensors.length.per == "setting":
         remedy = 'Write the noise of one sample, as length = "0.1 mm".'
         rule = "a measured length has an error for each sample"
-        raise refuse(rule, 'per = "setting"', f"[sensors] of {file}", remedy)
+        raise BadInput.from_rule(rule, 'per = "setting"', f"[sensors] of {file}", remedy)
 
 
 def _check_stiffness(muscle: MuscleTable, thread: ThreadTable, file: str) -> None:
@@ -227,10 +231,10 @@ def _check_stiffness(muscle: MuscleTable, thread: ThreadTable, file: str) -> Non
         return
     if thread.stiffness is not None:
         remedy = "Remove one: the stiffness is threads x area x modulus."
-        raise refuse("[thread] must state `modulus` or `stiffness`", "both", file, remedy)
+        raise BadInput.from_rule("[thread] must state `modulus` or `stiffness`", "both", file, remedy)
     missing = [n for n in ("threads", "thread_area") if getattr(muscle, n) is None]
     if missing:
         rule = "`modulus` needs `threads` and `thread_area` in [muscle]"
         got = "no " + " and no ".join(f"`{name}`" for name in missing)
         remedy = 'Add them, or state the stiffness of all threads together: [thread] stiffness = "1.4 MN".'
-        raise refuse(rule, got, file, remedy)
+        raise BadInput.from_rule(rule, got, file, remedy)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.units import parse_quantity, suggest_units
 
 #: Largest count, such as the number of threads.
@@ -58,7 +58,7 @@ def read_quantity(raw: Any, kind: str, location: EntryLocation) -> MeasuredValue
     if isinstance(raw, Mapping):
         _check_keys(raw, ("value", "sd"), where)
         if "value" not in raw:
-            raise refuse(
+            raise BadInput.from_rule(
                 "a quantity must have a `value`", _format_keys(raw), where, "Write {value = ..., sd = ...}."
             )
         value = _parse_number(raw["value"], kind, where)
@@ -66,14 +66,14 @@ def read_quantity(raw: Any, kind: str, location: EntryLocation) -> MeasuredValue
     else:
         value, sd = _parse_number(raw, kind, where), 0.0
     if not value > 0:
-        raise refuse(
+        raise BadInput.from_rule(
             f"`{location.name}` must be positive",
             _format_raw(raw, "value"),
             location.file,
             "Check its sign and unit.",
         )
     if sd < 0:
-        raise refuse(
+        raise BadInput.from_rule(
             "`sd` must not be negative", _format_raw(raw, "sd"), where, "Write one standard deviation."
         )
     return MeasuredValue(value, sd)
@@ -88,7 +88,7 @@ def read_load(raw: Any, location: EntryLocation) -> float:
     load = _parse_number(raw, "force", str(location))
     if load < 0:
         remedy = "A weight that stretches the muscle is positive. Write 0 N for a free muscle."
-        raise refuse(f"`{location.name}` must not be negative", f"{raw}", location.file, remedy)
+        raise BadInput.from_rule(f"`{location.name}` must not be negative", f"{raw}", location.file, remedy)
     return load
 
 
@@ -99,14 +99,14 @@ def read_sensor_noise(raw: Any, kind: str, location: EntryLocation, allow_per_se
         _check_keys(raw, ("sd", "per") if allow_per_setting else ("sd",), where)
         per = raw.get("per", per)
         if per not in ("sample", "setting"):
-            raise refuse(
+            raise BadInput.from_rule(
                 '`per` must be "sample" or "setting"',
                 f"{per!r}",
                 where,
                 suggest_word(str(per), ["sample", "setting"]),
             )
         if "sd" not in raw:
-            raise refuse(
+            raise BadInput.from_rule(
                 "a sensor's noise must have an `sd`",
                 _format_keys(raw),
                 where,
@@ -115,7 +115,9 @@ def read_sensor_noise(raw: Any, kind: str, location: EntryLocation, allow_per_se
     sd = _parse_number(raw["sd"] if isinstance(raw, Mapping) else raw, kind, where)
     if not sd > 0:
         remedy = "Write one standard deviation, or remove the entry: pamjax then estimates it."
-        raise refuse(f"`{location.name}` must be positive", _format_raw(raw, "sd"), location.file, remedy)
+        raise BadInput.from_rule(
+            f"`{location.name}` must be positive", _format_raw(raw, "sd"), location.file, remedy
+        )
     return SensorNoise(sd, per)
 
 
@@ -128,10 +130,12 @@ def read_count(raw: Any, location: EntryLocation) -> int:
         or raw != int(raw)
     ):
         rule = f"`{location.name}` must be a positive whole number"
-        raise refuse(rule, f"{raw!r}", location.file, "Write it without quotes and without a unit.")
+        raise BadInput.from_rule(
+            rule, f"{raw!r}", location.file, "Write it without quotes and without a unit."
+        )
     if raw > _MAX_COUNT:
         rule = f"`{location.name}` must be at most {_MAX_COUNT}"
-        raise refuse(rule, f"{raw!r}", location.file, "Check its digits.")
+        raise BadInput.from_rule(rule, f"{raw!r}", location.file, "Check its digits.")
     return int(raw)
 
 
@@ -139,13 +143,15 @@ def _check_keys(raw: Mapping[str, Any], valid_keys: tuple[str, ...], where: str)
     """Refuse the first unknown key."""
     for key in raw:
         if key not in valid_keys:
-            raise refuse(f"unknown entry `{key}`", where=where, remedy=suggest_word(key, valid_keys))
+            raise BadInput.from_rule(
+                f"unknown entry `{key}`", where=where, remedy=suggest_word(key, valid_keys)
+            )
 
 
 def _parse_number(raw: Any, kind: str, where: str) -> float:
     if isinstance(raw, bool) or not isinstance(raw, (int, float, str)):
         remedy = f'Write a text such as "3 {suggest_units(kind).split(",")[0].split(" ")[0]}".'
-        raise refuse("a quantity must be a number with a unit", f"{raw!r}", where, remedy)
+        raise BadInput.from_rule("a quantity must be a number with a unit", f"{raw!r}", where, remedy)
     return parse_quantity(raw, kind, where)
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
 
-from pamjax.errors import BadInput, refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.records.reading.header import COLUMN_KINDS
 from pamjax.records.reading.quantity import (
     EntryLocation,
@@ -48,7 +48,9 @@ def _read_angle(raw: Any, location: EntryLocation) -> MeasuredValue:
     if not angle.value < math.pi / 2:
         got = f"{math.degrees(angle.value):.4g} deg"
         remedy = "Measure it from the circumference."
-        raise refuse(f"`{location.name}` must be between 0 and 90 deg", got, location.file, remedy)
+        raise BadInput.from_rule(
+            f"`{location.name}` must be between 0 and 90 deg", got, location.file, remedy
+        )
     return angle
 
 
@@ -59,7 +61,7 @@ def _read_specimen_entry(read: Callable[[Any], Any]) -> Callable[[Any, EntryLoca
         try:
             return read(raw)
         except BadInput as error:
-            raise refuse(f"`{location.name}` {error}", f"{raw!r}", location.file) from error
+            raise BadInput.from_rule(f"`{location.name}` {error}", f"{raw!r}", location.file) from error
 
     return read_at
 
@@ -173,7 +175,7 @@ class MuscleDocument(_TomlTable):
             raise _translate_error(error, file) from error
         for name in document.columns:
             if name not in COLUMN_KINDS:
-                raise refuse(
+                raise BadInput.from_rule(
                     f"unknown channel `{name}`",
                     where=f"[columns] of {file}",
                     remedy=suggest_word(name, COLUMN_KINDS),
@@ -201,29 +203,31 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
     if first["type"] == "extra_forbidden":
         return _build_unknown_error(path, where)
     if first["type"] == "missing":
-        return refuse(f"{file} must have a table [{path[0]}]", remedy="It describes the muscle.")
+        return BadInput.from_rule(f"{file} must have a table [{path[0]}]", remedy="It describes the muscle.")
     if first["type"] == "literal_error":
         raw, choices = str(first["input"]), _CHOICES[path[-1]]
-        return refuse(
+        return BadInput.from_rule(
             f"`{path[-1]}` must be " + " or ".join(f'"{choice}"' for choice in choices),
             f"{raw!r}",
             where,
             suggest_word(raw, choices),
         )
     kind = "a table" if len(path) == 1 else "a text in quotes"
-    return refuse(f"`{path[-1]}` must be {kind}", f"{first['input']!r}", where)
+    return BadInput.from_rule(f"`{path[-1]}` must be {kind}", f"{first['input']!r}", where)
 
 
 def _build_unknown_error(path: list[str], where: str) -> BadInput:
     if len(path) == 1:
-        return refuse(
+        return BadInput.from_rule(
             f"unknown table [{path[0]}] in {where}", remedy=suggest_word(path[0], MuscleDocument.model_fields)
         )
     valid_names = _TABLE_CLASSES[path[0]].model_fields
     if close := difflib.get_close_matches(path[1], MuscleDocument.model_fields, n=1, cutoff=0.8):
         remedy = f"Did you mean the table [{close[0]}]? Write it on a line of its own."
-        return refuse(f"unknown entry `{path[1]}`", where=where, remedy=remedy)
-    return refuse(f"unknown entry `{path[1]}`", where=where, remedy=suggest_word(path[1], valid_names))
+        return BadInput.from_rule(f"unknown entry `{path[1]}`", where=where, remedy=remedy)
+    return BadInput.from_rule(
+        f"unknown entry `{path[1]}`", where=where, remedy=suggest_word(path[1], valid_names)
+    )
 
 
 _CHOICES = {"model": ("inelastic", "elastic"), "measured": ("force", "length")}

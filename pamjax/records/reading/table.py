@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pamjax.errors import BadInput, format_printable, refuse
+from pamjax.errors import BadInput, format_printable
 from pamjax.records.files import decode_text
 from pamjax.records.quotation_marks import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
 from pamjax.records.reading.header import Column, find_columns
@@ -101,7 +101,7 @@ def _split_cells(text: str, file: str) -> tuple[list[str], list[int], list[list[
     rows = [(line, cells) for line, cells in rows if "".join(cells).strip()]
     rows = [(line, cells) for line, cells in rows if not cells[0].lstrip().startswith("#")]
     if not rows:
-        raise refuse(
+        raise BadInput.from_rule(
             f"{file} must contain a recording",
             "an empty file",
             remedy="Write a header, and one row for each sample.",
@@ -110,7 +110,7 @@ def _split_cells(text: str, file: str) -> tuple[list[str], list[int], list[list[
     _check_separator(header, file)
     if len(rows) == 1:
         got, remedy = "a header without rows", "Write one row for each sample."
-        raise refuse(f"{file} must contain a recording", got, remedy=remedy)
+        raise BadInput.from_rule(f"{file} must contain a recording", got, remedy=remedy)
     while (
         len(header) > 1 and not header[-1].strip() and not any("".join(r[1][len(header) - 1 :]) for r in rows)
     ):
@@ -123,7 +123,9 @@ def _check_separator(header: list[str], file: str) -> None:
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if mark in ",".join(header) and len(header) <= ",".join(header).count(mark):
             remedy = "Save it with commas between cells and with decimal points, or use `pamjax import`."
-            raise refuse(f"the cells of {file} must be separated by commas", name, "the header", remedy)
+            raise BadInput.from_rule(
+                f"the cells of {file} must be separated by commas", name, "the header", remedy
+            )
 
 
 def _check_width(header: list[str], line: int, row: list[str], file: str) -> list[str]:
@@ -134,7 +136,7 @@ def _check_width(header: list[str], line: int, row: list[str], file: str) -> lis
     surplus_remedy = "Replace decimal commas by points: 0.5, not 0,5."
     remedy = surplus_remedy if len(row) > len(header) else "Write a comma also for a blank cell."
     got = f"{len(row)} cells"
-    raise refuse(
+    raise BadInput.from_rule(
         f"each row must have as many cells as the header ({len(header)})",
         got,
         f"row {line} of {file}",
@@ -166,13 +168,15 @@ def _parse_cell(text: str, column: Column, locate: _RowLocator, i: int) -> float
     if np.isfinite(value):
         low, high = MAGNITUDE_LIMITS
         rule = f"`{column.name}` must be 0 or between {low:g} and {high:g} in SI units"
-        raise refuse(rule, _quote_cell(text), locate(i, column.header), "Check the digits of the cell.")
+        raise BadInput.from_rule(
+            rule, _quote_cell(text), locate(i, column.header), "Check the digits of the cell."
+        )
     remedy = "Leave the cell blank if it was not measured."
     if _DECIMAL_COMMA_PATTERN.fullmatch(text):
         remedy = f"Write a decimal point: {text.replace(',', '.')}."
     elif text.lower() not in _BLANK_MARKS and "inf" not in text.lower() and np.isnan(value):
         remedy = "Write a number here and the unit in the header. " + remedy
-    raise refuse(
+    raise BadInput.from_rule(
         f"`{column.name}` must be a finite number or blank",
         _quote_cell(text),
         locate(i, column.header),
@@ -194,7 +198,7 @@ def _check_times(
     if blank.any():
         where = locate(int(np.argmax(blank)))
         remedy = "Add the value, or remove the column if the order of rows has no meaning."
-        raise refuse("`time` must have a value in every row", "a blank", where, remedy)
+        raise BadInput.from_rule("`time` must have a value in every row", "a blank", where, remedy)
     is_invalid = np.diff(time) <= 0
     if is_invalid.any():
         i = int(np.argmax(is_invalid)) + 1
@@ -209,7 +213,7 @@ def _check_times(
             else "Sort the rows. Continue the time of a new test after the last one."
         )
         got = f"{time_text} twice" if is_equal else f"{time_text} after {previous_text}"
-        raise refuse("`time` must increase from row to row", got, locate(i), remedy)
+        raise BadInput.from_rule("`time` must increase from row to row", got, locate(i), remedy)
     return time
 
 
@@ -220,7 +224,7 @@ def _check_cycles(cycle: np.ndarray | None, locate: _RowLocator) -> np.ndarray |
     if is_invalid.any():
         i = int(np.argmax(is_invalid))
         got = "a blank" if np.isnan(cycle[i]) else f"{cycle[i]:g}"
-        raise refuse(
+        raise BadInput.from_rule(
             f"`cycle` must be a whole number from 0 to {MAX_CYCLE}",
             got,
             locate(i),
@@ -234,7 +238,7 @@ def _check_positive(values: np.ndarray, column: Column, locate: _RowLocator) -> 
     if is_invalid.any():
         i = int(np.argmax(is_invalid))
         remedy = "Leave the cell blank if it was not measured. Otherwise check its sign and zero."
-        raise refuse(
+        raise BadInput.from_rule(
             f"`{column.name}` must be positive", format_quantity(values[i], column.unit), locate(i), remedy
         )
 
@@ -246,7 +250,7 @@ def _check_load(force: np.ndarray, load: float, column: Column, locate: _RowLoca
         i = int(np.argmax(is_different))
         rule = f"`force` must equal `load` in [test] of muscle.toml ({format_quantity(load, column.unit)})"
         remedy = "Remove `load`: the column states the set force of each row."
-        raise refuse(rule, format_quantity(force[i], column.unit), locate(i), remedy)
+        raise BadInput.from_rule(rule, format_quantity(force[i], column.unit), locate(i), remedy)
 
 
 def _check_gauge_pressure(pressure: np.ndarray, column: Column, locate: _RowLocator) -> None:
@@ -257,7 +261,7 @@ def _check_gauge_pressure(pressure: np.ndarray, column: Column, locate: _RowLoca
         minimum = format_quantity(-max_zero_error, column.unit)
         rule = f"`pressure` must be gauge pressure, and not below the permitted zero error ({minimum})"
         remedy = "Check its sign. The sensor must read zero at atmospheric pressure."
-        raise refuse(rule, format_quantity(pressure[i], column.unit), locate(i), remedy)
+        raise BadInput.from_rule(rule, format_quantity(pressure[i], column.unit), locate(i), remedy)
 
 
 def _check_measured(recording: Recording, file: str) -> None:
@@ -269,4 +273,6 @@ def _check_measured(recording: Recording, file: str) -> None:
 
 
 def _build_empty_error(needed_columns: str, file: str) -> BadInput:
-    return refuse(f"at least one row must have {needed_columns}", "none", file, "Check for blank columns.")
+    return BadInput.from_rule(
+        f"at least one row must have {needed_columns}", "none", file, "Check for blank columns."
+    )

@@ -7,7 +7,7 @@ from pathlib import Path
 import tomlkit
 
 from pamjax.channels import DISPLAY_UNIT
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
 from pamjax.records.files import write_folder_atomically
 from pamjax.records.recording import Recording
@@ -30,7 +30,7 @@ def write_case(folder: Path, recording: Recording, muscle: str) -> None:
     """
     if folder.exists() and any(folder.iterdir()):
         got = f"{folder}, which has files"
-        raise refuse("a new case needs an empty folder", got, remedy="Choose another folder.")
+        raise BadInput.from_rule("a new case needs an empty folder", got, remedy="Choose another folder.")
     with write_folder_atomically(folder) as temporary:
         build_table(recording).to_csv(temporary / RECORDING_FILE, index=False)
         (temporary / MUSCLE_FILE).write_text(_drop_column_mapping(muscle), encoding="utf-8")

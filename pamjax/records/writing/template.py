@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
 from pamjax.records.files import write_folder_atomically
 
@@ -107,10 +107,14 @@ def write_template(folder: str | Path) -> tuple[Path, Path]:
     folder = Path(folder)
     files = folder / RECORDING_FILE, folder / MUSCLE_FILE
     if folder.exists() and not folder.is_dir():
-        raise refuse("a case must be a folder", f"the file {folder}", remedy="Choose another name.")
+        raise BadInput.from_rule(
+            "a case must be a folder", f"the file {folder}", remedy="Choose another name."
+        )
     for path in files:
         if path.exists():
-            raise refuse(f"{path} already exists and is not overwritten", remedy="Choose another folder.")
+            raise BadInput.from_rule(
+                f"{path} already exists and is not overwritten", remedy="Choose another folder."
+            )
     with write_folder_atomically(folder) as temporary:
         recording = _RECORDING_COMMENTS + _EXAMPLE_ROWS.read_text(encoding="utf-8")
         (temporary / RECORDING_FILE).write_text(recording, encoding="utf-8", newline="\n")

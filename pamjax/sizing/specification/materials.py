@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.records.shipped_tables import convert_to_si, read_shipped
 
 #: Assumed diameters of commercial threads, m; each material uses those within its own range.
@@ -101,7 +101,7 @@ def find_material(name: str, kinds: dict[str, Any], noun: str, where: str) -> An
         BadInput: if the name is unknown.
     """
     if name not in kinds:
-        raise refuse(f"unknown {noun} {name!r}", where=where, remedy=suggest_word(name, kinds))
+        raise BadInput.from_rule(f"unknown {noun} {name!r}", where=where, remedy=suggest_word(name, kinds))
     return kinds[name]
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
 
-from pamjax.errors import BadInput, refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.records.reading.quantity import EntryLocation, read_count, read_quantity
 from pamjax.records.toml_text import parse_toml
 from pamjax.units import parse_number
@@ -42,12 +42,14 @@ def _validate_unit(unit: str) -> BeforeValidator:
 
     def read(raw: Any, location: EntryLocation) -> float:
         if isinstance(raw, bool) or not isinstance(raw, (int, float, str)):
-            raise refuse(
+            raise BadInput.from_rule(
                 "a quantity must be a number with a unit", f"{raw!r}", str(location), f"Use the unit {unit}."
             )
         value = parse_number(raw, unit, str(location)) if isinstance(raw, str) else float(raw)
         if not value > 0:
-            raise refuse(f"`{location.name}` must be positive", f"{raw}", location.file, "Check its sign.")
+            raise BadInput.from_rule(
+                f"`{location.name}` must be positive", f"{raw}", location.file, "Check its sign."
+            )
         return value
 
     return _build_validator(read)
@@ -59,11 +61,11 @@ def _read_share(raw: Any, location: EntryLocation) -> float:
     try:
         value = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
     except ValueError as error:
-        raise refuse(
+        raise BadInput.from_rule(
             "a fraction must be a number", f"{raw!r}", str(location), "Write 0.25 or '25 %'."
         ) from error
     if isinstance(raw, bool) or not 0 <= value < 1:
-        raise refuse(
+        raise BadInput.from_rule(
             f"`{location.name}` must be at least 0 and below 1",
             f"{raw}",
             location.file,
@@ -77,7 +79,7 @@ def _read_factor(raw: Any, location: EntryLocation) -> float:
     value = read_quantity(raw, "count", location).value
     if value < 1:
         rule = f"the safety factor `{location.name}` must be at least 1"
-        raise refuse(rule, f"{raw}", location.file, "Write 1 for no safety margin.")
+        raise BadInput.from_rule(rule, f"{raw}", location.file, "Write 1 for no safety margin.")
     return value
 
 
@@ -88,7 +90,7 @@ def _validate_range(kind: str) -> BeforeValidator:
         ends = raw if isinstance(raw, list) else [raw, raw]
         if len(ends) != 2:
             remedy = "Write one quantity, or [lowest, highest]."
-            raise refuse(
+            raise BadInput.from_rule(
                 f"`{location.name}` must be a quantity or a pair of quantities",
                 f"{raw}",
                 location.file,
@@ -96,7 +98,7 @@ def _validate_range(kind: str) -> BeforeValidator:
             )
         low, high = (read_quantity(end, kind, location).value for end in ends)
         if low > high:
-            raise refuse(
+            raise BadInput.from_rule(
                 f"`{location.name}` must have its lowest value first",
                 f"{raw}",
                 location.file,
@@ -111,7 +113,7 @@ def _validate_list(read: Callable[[Any, EntryLocation], Any]) -> BeforeValidator
     def read_items(raw: Any, location: EntryLocation) -> tuple[Any, ...]:
         items = raw if isinstance(raw, list) else [raw]
         if not items:
-            raise refuse(
+            raise BadInput.from_rule(
                 f"`{location.name}` must have at least one entry",
                 "none",
                 location.file,
@@ -314,14 +316,16 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
     where = f"[{path[0]}] of {file}" if len(path) > 1 else file
     if first["type"] == "extra_forbidden":
         known_fields = _find_table(path[0]).model_fields if len(path) > 1 else SpecEntries.model_fields
-        return refuse(f"unknown entry `{path[-1]}`", where=where, remedy=suggest_word(path[-1], known_fields))
+        return BadInput.from_rule(
+            f"unknown entry `{path[-1]}`", where=where, remedy=suggest_word(path[-1], known_fields)
+        )
     if first["type"] == "missing":
         missing = f"`{path[-1]}`" if len(path) > 1 else f"a table [{path[0]}]"
-        return refuse(
+        return BadInput.from_rule(
             f"a spec must state {missing}", "none", where, f"Add it: {_EXAMPLE_ENTRIES.get(path[-1], '')}"
         )
     if first["type"] == "literal_error":
-        return refuse(
+        return BadInput.from_rule(
             f"`{path[-1]}` must be one of {', '.join(OBJECTIVES)}",
             f"{first['input']!r}",
             where,
@@ -329,9 +333,9 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
         )
     if first["type"] == "tuple_type" and path[-1] in ("force", "thread", "bladder"):
         rule = f"each `{path[-1]}` must be a table of its own"
-        return refuse(rule, f"[{path[-1]}]", file, f"Write [[{path[-1]}]].")
+        return BadInput.from_rule(rule, f"[{path[-1]}]", file, f"Write [[{path[-1]}]].")
     remedy = first["msg"].replace("Input should be", "It should be") + "."
-    return refuse(f"`{path[-1]}` has the wrong type", f"{first['input']!r}", where, remedy)
+    return BadInput.from_rule(f"`{path[-1]}` has the wrong type", f"{first['input']!r}", where, remedy)
 
 
 _EXAMPLE_ENTRIES = {

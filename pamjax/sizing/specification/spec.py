@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.records.files import read_bytes
 from pamjax.sizing.specification import materials
 from pamjax.sizing.specification.materials import BladderKind, PropertyRange, ThreadKind
@@ -110,7 +110,7 @@ def read_spec(source: str | Path | Mapping[str, Any], stock: bool = False) -> Sp
             if kind.price is None:
                 table = "thread" if isinstance(kind, ThreadKind) else "bladder"
                 remedy = f'Write [[{table}]] name = "{kind.name}", price = 50.0.'
-                raise refuse(
+                raise BadInput.from_rule(
                     "cost needs a price per kilogram of each material",
                     f"no price of {kind.name}",
                     file,
@@ -122,24 +122,26 @@ def read_spec(source: str | Path | Mapping[str, Any], stock: bool = False) -> Sp
 def _check_demands(entries: SpecEntries, file: str) -> None:
     if not entries.force and entries.stroke is None and entries.free_contraction is None:
         remedy = 'Add [[force]] at_least = "500 N", contraction = 0.1.'
-        raise refuse("a spec must state [[force]], [stroke] or `free_contraction`", "none", file, remedy)
+        raise BadInput.from_rule(
+            "a spec must state [[force]], [stroke] or `free_contraction`", "none", file, remedy
+        )
     if len(entries.force) > _MAX_FORCES:
         got, remedy = f"{len(entries.force)}", "Keep the most demanding ones."
-        raise refuse(f"a spec has at most {_MAX_FORCES} [[force]] entries", got, file, remedy)
+        raise BadInput.from_rule(f"a spec has at most {_MAX_FORCES} [[force]] entries", got, file, remedy)
     for k, demand in enumerate(entries.force, 1):
         if demand.contraction is not None and demand.shortening is not None:
             rule = "a [[force]] table has either `contraction` or `shortening`"
-            raise refuse(rule, "both", f"[[force]] {k} of {file}", "Remove one of them.")
+            raise BadInput.from_rule(rule, "both", f"[[force]] {k} of {file}", "Remove one of them.")
     has_length = entries.stroke or entries.limits.rest_length or entries.envelope.length
     if not has_length and all(demand.shortening is None for demand in entries.force):
         remedy = 'Add [envelope] length, [stroke] length or [limits] rest_length = ["100 mm", "300 mm"].'
-        raise refuse(
+        raise BadInput.from_rule(
             "a spec must state a length of the muscle, a stroke or a shortening", "none", file, remedy
         )
     envelope_length, fittings = entries.envelope.length, entries.envelope.fittings
     if envelope_length and fittings and 2 * fittings >= envelope_length:
         rule = f"two fittings must be shorter than the envelope ({format_quantity(envelope_length, 'mm')})"
-        raise refuse(
+        raise BadInput.from_rule(
             rule,
             format_quantity(2 * fittings, "mm"),
             f"[envelope] of {file}",
@@ -154,7 +156,7 @@ def _check_pressures(entries: SpecEntries, file: str) -> None:
             rule = (
                 f"the pressure of a [[force]] must not exceed the supply ({format_quantity(supply, 'kPa')})"
             )
-            raise refuse(
+            raise BadInput.from_rule(
                 rule, format_quantity(demand.pressure, "kPa"), f"[[force]] {k} of {file}", "Check its unit."
             )
 
@@ -165,14 +167,14 @@ def _check_parallel(entries: SpecEntries, file: str) -> None:
     if needs_bundle and muscle_count > len(PACKING_RATIOS):
         rule = f"the diameter of a bundle can be computed for at most {len(PACKING_RATIOS)} muscles"
         remedy = "Remove [envelope] bundle, and choose another objective than diameter."
-        raise refuse(rule, str(muscle_count), f"`parallel` of {file}", remedy)
+        raise BadInput.from_rule(rule, str(muscle_count), f"`parallel` of {file}", remedy)
 
 
 def _check_objectives(entries: SpecEntries, file: str) -> None:
     if entries.against == entries.minimise:
         others = ", ".join(objective for objective in OBJECTIVES if objective != entries.minimise)
         rule = "`against` must differ from `minimise`"
-        raise refuse(rule, entries.minimise, file, f"Write one of {others}.")
+        raise BadInput.from_rule(rule, entries.minimise, file, f"Write one of {others}.")
 
 
 def _select_threads(entries: SpecEntries, file: str, stock: bool) -> tuple[ThreadKind, ...]:
@@ -210,7 +212,7 @@ def _build_own_thread(own_thread: OwnThread, shipped_thread: ThreadKind | None, 
         missing = [key for key, value in stated_values.items() if value is None]
         if missing:
             rule = f"your own thread ({own_thread.name!r}) needs modulus, strength, density and diameters"
-            raise refuse(rule, f"no `{missing[0]}`", f"[[thread]] of {file}", "Add it.")
+            raise BadInput.from_rule(rule, f"no `{missing[0]}`", f"[[thread]] of {file}", "Add it.")
         shipped_thread = ThreadKind(
             own_thread.name,
             "stated in the spec",
@@ -253,7 +255,7 @@ def _build_own_bladder(
         if own_bladder.modulus is None or own_bladder.density is None:
             rule = f"your own rubber ({own_bladder.name!r}) needs modulus (Young's) and density"
             missing = "modulus" if own_bladder.modulus is None else "density"
-            raise refuse(rule, f"no `{missing}`", f"[[bladder]] of {file}", "Add it.")
+            raise BadInput.from_rule(rule, f"no `{missing}`", f"[[bladder]] of {file}", "Add it.")
         shipped_bladder = BladderKind(
             own_bladder.name, "stated in the spec", PropertyRange(1, 1, 1), 0.0, 1.0, 5.0, (0.2e-3, 5e-3)
         )

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.drawing import DrawableResult
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import BadInput, suggest_word
 from pamjax.infer.fitting.result import Fit
 from pamjax.infer.posterior.result import Posterior
 from pamjax.sizing.result import Design
@@ -58,10 +58,14 @@ def plot(result: DrawableResult, name: str | None = None, *, narrow: bool = Fals
     name = next(iter(functions)) if name is None else name
     if name not in functions:
         kind = type(result).__name__
-        raise refuse(f"unknown figure of a {kind}", repr(name), remedy=suggest_word(name, functions))
+        raise BadInput.from_rule(
+            f"unknown figure of a {kind}", repr(name), remedy=suggest_word(name, functions)
+        )
     figure = functions[name](narrow=narrow)
     if figure is None:
-        raise refuse(f"the figure {name!r} has nothing to show", remedy=f"Draw {next(iter(functions))!r}.")
+        raise BadInput.from_rule(
+            f"the figure {name!r} has nothing to show", remedy=f"Draw {next(iter(functions))!r}."
+        )
     escape_names(figure)
     return figure
 
@@ -89,7 +93,7 @@ def list_figures(result: DrawableResult) -> list[str]:
 def _find_plot_functions(result: object) -> dict[str, PlotFunction]:
     """Return the functions that draw a result, by name of the figure."""
     rule = "`plot` needs a Fit, a Posterior, a Diagnosis or a Design"
-    raise refuse(
+    raise BadInput.from_rule(
         rule, type(result).__name__, remedy="Pass the result of `fit`, `sample`, `diagnose` or `size`."
     )
 

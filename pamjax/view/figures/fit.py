@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pamjax.channels import DISPLAY_UNIT, format_channel_value
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from pamjax.infer.fitting.report import exceeds_noise, format_estimate
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
 from pamjax.records.case import Case
@@ -244,7 +244,7 @@ def plot_held_out(case_fit: CaseFit, narrow: bool = False) -> Figure:
         BadInput: if no block was held out.
     """
     if case_fit.held_out is None:
-        raise refuse("this figure needs held-out blocks", "one block", case_fit.case.name)
+        raise BadInput.from_rule("this figure needs held-out blocks", "one block", case_fit.case.name)
     channels = list(case_fit.held_out.rmse)
     block_names = _order_blocks(case_fit)
     with apply_theme():

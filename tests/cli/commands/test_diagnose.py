@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from pamjax.cli.main import main
-from pamjax.errors import refuse
+from pamjax.errors import BadInput
 from tests.view.html_page import Page
 from tests.view.made_up import diagnosis
 
@@ -73,7 +73,10 @@ def test_invalid_cases_are_reported_and_the_others_are_diagnosed(bench, tmp_path
 
     def answer(cases, **_):
         printed_before.append(capsys.readouterr().err)
-        yield result.problem.case, refuse("a diagnosis needs more rows", "3", str(tmp_path), "Record more.")
+        yield (
+            result.problem.case,
+            BadInput.from_rule("a diagnosis needs more rows", "3", str(tmp_path), "Record more."),
+        )
         yield result.problem.case, result
 
     monkeypatch.setattr("pamjax.diagnosis.batch.diagnose_all", answer)
