@@ -195,7 +195,7 @@ def _build_braid(fitted: Fit) -> Model:
 
 def _build_formulas(case: Case) -> dict[str, Model]:
     pressure, length, force = case.recording.pressure, case.recording.length, case.recording.force
-    contraction = 1 - length / case.entry.rest_length.value
+    contraction = 1 - length / case.muscle_toml.rest_length.value
 
     def gaylord(threshold: bool, rows: np.ndarray) -> tuple[np.ndarray, str]:
         law = fit_gaylord(pressure[rows], length[rows], force[rows], threshold=threshold)

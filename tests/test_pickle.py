@@ -36,7 +36,7 @@ def test_case_pickles(mine):
     case = pamjax.read_case(mine)
     assert str(copy(case)) == str(case)
     assert np.array_equal(copy(case.recording).force, case.recording.force, equal_nan=True)
-    assert copy(case.entry) == case.entry
+    assert copy(case.muscle_toml) == case.muscle_toml
 
 
 def test_explanation_and_settings_pickle():

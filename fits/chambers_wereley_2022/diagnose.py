@@ -40,13 +40,13 @@ CRIMP = {"thread.modulus": 112e9, "thread_crimp.crimp": 1.5e-3, "thread_crimp.lo
 def read_table() -> Case:
     """Return Table 1 with inelastic threads as baseline."""
     case = read_case(HERE)
-    entry = dataclasses.replace(case.entry, baseline="inelastic")
-    return dataclasses.replace(case, name="table-1", entry=entry)
+    muscle_toml = dataclasses.replace(case.muscle_toml, baseline="inelastic")
+    return dataclasses.replace(case, name="table-1", muscle_toml=muscle_toml)
 
 
 def simulate_isobars(seed: int = 0) -> Case:
     """Return ten simulated isobars of the article's muscle, two strokes each, with crimped threads."""
-    entry = dataclasses.replace(read_case(HERE).entry, sensors=SENSORS, baseline="elastic")
+    muscle_toml = dataclasses.replace(read_case(HERE).muscle_toml, sensors=SENSORS, baseline="elastic")
     plan = Protocol(
         kind="strokes",
         pressures=[f"{10 * k} psi" for k in range(1, 11)],
@@ -55,13 +55,13 @@ def simulate_isobars(seed: int = 0) -> Case:
         speed="1 mm/s",
         rate="0.45 Hz",
         diameter_every=1,
-    ).build_schedule(entry.rest_length.value)
+    ).build_schedule(muscle_toml.rest_length.value)
     # The model is evaluated at rows that have a measurement; these placeholders stand for them.
     rows = Recording.from_arrays(
         time=plan.time, pressure=plan.pressure, length=plan.length, cycle=plan.cycle,
         force=np.full(plan.time.size, 1e3), diameter=np.full(plan.time.size, 1.0),
     )  # fmt: skip
-    bench = build_library_problem(Case("true", HERE, entry, rows, "simulated"))
+    bench = build_library_problem(Case("true", HERE, muscle_toml, rows, "simulated"))
     values = bench.neutral.copy()
     for name, value in CRIMP.items():
         values[bench.index(name)] = value
@@ -74,7 +74,7 @@ def simulate_isobars(seed: int = 0) -> Case:
         pressure=plan.pressure + noise["pressure"], length=plan.length + noise["length"],
         force=np.where(force > 0, force + noise["force"], np.nan), diameter=diameter + noise["diameter"],
     )  # fmt: skip
-    return Case("ten-isobars", HERE, entry, recording, "simulated")
+    return Case("ten-isobars", HERE, muscle_toml, recording, "simulated")
 
 
 #: The recordings, by their name on the command line.

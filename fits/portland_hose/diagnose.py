@@ -55,7 +55,7 @@ def predict_sarosi(diagnosis: Diagnosis, held_out: np.ndarray) -> np.ndarray:
     """Return the force of Sárosi's formula, fitted without some rows, N; NaN where it cannot be fitted."""
     problem = diagnosis.problem
     recording = problem.case.recording
-    contraction = 1 - recording.length / problem.case.entry.rest_length.value
+    contraction = 1 - recording.length / problem.case.muscle_toml.rest_length.value
     training = np.where(held_out, np.nan, problem.measured[0])
     try:
         law = fit_sarosi(recording.pressure, contraction, training)

@@ -15,7 +15,7 @@ from pamjax.view.theme import DOUBLE_COLUMN, OKABE_ITO, REFERENCE_COLOUR, apply_
 def draw_loops(diagnosis: Diagnosis, path: Path) -> None:
     """Draw force against pressure at each length: measured, baseline, and with the named mechanisms."""
     problem = diagnosis.problem
-    recording, entry = problem.case.recording, problem.case.entry
+    recording, muscle_toml = problem.case.recording, problem.case.muscle_toml
     lengths = find_levels(recording.length)
     level = find_nearest_level(recording.length, lengths)
     before = problem.predict(diagnosis.baseline.estimate.values)[0]
@@ -30,11 +30,13 @@ def draw_loops(diagnosis: Diagnosis, path: Path) -> None:
             panel.plot(p, problem.measured[0, rows], ".", ms=2, color=REFERENCE_COLOUR, label="measured")
             panel.plot(p, before[rows], ".", ms=1.2, color=OKABE_ITO["vermilion"], label="inelastic braid")
             panel.plot(p, after[rows], ".", ms=1.2, color=OKABE_ITO["blue"], label="named mechanisms added")
-            contraction = 100 * (1 - lengths[k] / entry.rest_length.value)
+            contraction = 100 * (1 - lengths[k] / muscle_toml.rest_length.value)
             panel.set(xlabel="pressure [kPa]", title=f"{1e3 * lengths[k]:.0f} mm, {contraction:.0f} %")
         panels[0].set_ylabel("force [N]")
         names = ", ".join(name.id for name in diagnosis.named_mechanisms) or "no mechanism named"
-        title = f"{entry.name}: rmse {rmse[0]:.3g} N, {rmse[1]:.2g} N with the named mechanisms\n{names}"
+        title = (
+            f"{muscle_toml.name}: rmse {rmse[0]:.3g} N, {rmse[1]:.2g} N with the named mechanisms\n{names}"
+        )
         drawing.suptitle(title, x=0.01, ha="left")
         handles, labels = panels[0].get_legend_handles_labels()
         drawing.legend(handles, labels, loc="outside lower center", ncols=3, markerscale=4)

@@ -51,7 +51,7 @@ def fit_compliance(folder: Path) -> SeriesCompliance:
     seat, compliance = (result.estimates[f"rig_compliance.{name}"] for name in ("seat", "compliance"))
     modulus = sum(result.estimates[f"{id}.modulus"].value for id in MECHANISMS[:2])
     return SeriesCompliance(
-        case.entry.rest_length.value, seat, compliance, modulus, result.cases[0].rmse["force"]
+        case.muscle_toml.rest_length.value, seat, compliance, modulus, result.cases[0].rmse["force"]
     )
 
 

@@ -53,12 +53,12 @@ class WeightedMean:
 def read_hose(folder: Path, samples: int = 6) -> Case:
     """Return a hose with medians of that many samples, and with its tube inside its threads."""
     case = take_medians(read_case(folder), samples)
-    bladder, outer = case.entry.bladder, case.entry.diameter
+    bladder, outer = case.muscle_toml.bladder, case.muscle_toml.diameter
     assert bladder is not None
     assert bladder.thickness is not None
     assert outer is not None
     bore = MeasuredValue(outer.value - 2 * bladder.thickness.value, outer.sd)
-    return replace(case, entry=replace(case.entry, bladder=replace(bladder, inner_diameter=bore)))
+    return replace(case, muscle_toml=replace(case.muscle_toml, bladder=replace(bladder, inner_diameter=bore)))
 
 
 def fit_wall(cases: list[Case], shared: tuple[str, ...] = (), folds: int = 5) -> Fit:

@@ -64,22 +64,22 @@ def simulate_hose(name: str) -> tuple[Recording, str]:
     """Return the recording of one hose and the text of its muscle.toml."""
     length, seed = HOSES[name]
     text = MUSCLE.format(length=length)
-    entry = read_muscle_toml(text.encode())
-    assert entry.diameter is not None
-    assert entry.braid_angle is not None
+    muscle_toml = read_muscle_toml(text.encode())
+    assert muscle_toml.diameter is not None
+    assert muscle_toml.braid_angle is not None
     numbers = {
-        "muscle.rest_length": entry.rest_length.value,
-        "muscle.diameter": entry.diameter.value,
-        "muscle.braid_angle": entry.braid_angle.value,
-        "bladder_elasticity.length": entry.rest_length.value,
+        "muscle.rest_length": muscle_toml.rest_length.value,
+        "muscle.diameter": muscle_toml.diameter.value,
+        "muscle.braid_angle": muscle_toml.braid_angle.value,
+        "bladder_elasticity.length": muscle_toml.rest_length.value,
     } | {f"bladder_elasticity.{field}": value for field, value in WALL.items()}
     bench = assemble_bench("inelastic", ("bladder_elasticity",), numbers)
-    schedule = PROTOCOL.build_schedule(entry.rest_length.value)
+    schedule = PROTOCOL.build_schedule(muscle_toml.rest_length.value)
     first = np.r_[True, np.diff(schedule.cycle) != 0]
     schedule = replace(schedule, cycle=np.cumsum(first))
-    recording = simulate(bench, schedule, replace(entry.sensors, force=None), seed=seed)
+    recording = simulate(bench, schedule, replace(muscle_toml.sensors, force=None), seed=seed)
     noise = np.random.default_rng(100 + seed).standard_normal(recording.n)
-    force = np.nan_to_num(recording.force) + entry.sensors.force * noise
+    force = np.nan_to_num(recording.force) + muscle_toml.sensors.force * noise
     return replace(recording, force=force, length=schedule.length), text
 
 

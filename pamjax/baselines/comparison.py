@@ -246,7 +246,7 @@ def _has_enough_samples(residual: np.ndarray, training_rows: np.ndarray) -> bool
 
 def _predict_sarosi(problem: LibraryProblem, training_rows: np.ndarray) -> tuple[np.ndarray, str]:
     recording = problem.case.recording
-    contraction = 1 - recording.length / problem.case.entry.rest_length.value
+    contraction = 1 - recording.length / problem.case.muscle_toml.rest_length.value
     force = np.where(training_rows, problem.measured[0], np.nan)
     law = fit_sarosi(recording.pressure, contraction, force)
     return law.force(recording.pressure, contraction), (

@@ -37,8 +37,9 @@ def run_bank_trial(task: TrialTask) -> Trial:
     outside = [effect for effect in bank_recording.effects if not effect.in_library]
     values: dict[str, Any] = {
         "stage": task.stage, "kind": task.kind, "correlation": task.correlation,
-        "trial_index": task.trial_index, "seed": task.seed, "bank": task.bank, "law": case.entry.baseline,
-        "blocks": find_blocks(case.recording).kind, "misstated": bank_recording.misstated,
+        "trial_index": task.trial_index, "seed": task.seed, "bank": task.bank,
+        "law": case.muscle_toml.baseline, "blocks": find_blocks(case.recording).kind,
+        "misstated": bank_recording.misstated,
         "concealed": tuple(effect.id for effect in mechanisms),
         "forms": tuple(effect.form for effect in mechanisms),
         "sizes": tuple(effect.size for effect in mechanisms),

@@ -89,7 +89,13 @@ def inject_effects(
     """
     setup = setup or build_reference_setup()
     name = f"concealed-{number:04d}"
-    bare = Case(name=name, folder=Path(name), entry=setup.entry, recording=setup.plan, checksum="simulated")
+    bare = Case(
+        name=name,
+        folder=Path(name),
+        muscle_toml=setup.muscle_toml,
+        recording=setup.plan,
+        checksum="simulated",
+    )
     problem = _allow_slack(build_library_problem(bare))
     values = _draw_muscle(problem, rng)
     mechanisms: list[Candidate] = []
@@ -306,7 +312,7 @@ def _add_unmodelled_effect(
     pattern = np.zeros((2, problem.n))
     pattern[0] = _draw_unmodelled_pattern(kind, problem.case, plain[0], rng)
     is_measured = np.isfinite(problem.measured)
-    scale, size = (problem.case.entry.sensors.force or 1.0) / max(float(np.std(pattern[0])), 1e-12), 0.0
+    scale, size = (problem.case.muscle_toml.sensors.force or 1.0) / max(float(np.std(pattern[0])), 1e-12), 0.0
     for _ in range(_AMPLITUDE_ROUNDS):
         prediction = np.where(is_measured, plain + scale * pattern, np.nan)
         as_measured = dataclasses.replace(problem, measured=prediction)
@@ -328,7 +334,7 @@ def _draw_unmodelled_pattern(
     kind: str, case: Case, force: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
     """Draw a force pattern of an effect outside the library, arbitrary units, (n,)."""
-    recording, rest_length = case.recording, case.entry.rest_length.value
+    recording, rest_length = case.recording, case.muscle_toml.rest_length.value
     contraction = 1 - recording.length / rest_length
     if kind == "obstacle":
         start = rng.uniform(0.4, 0.7) * contraction.max()
@@ -343,7 +349,7 @@ def _draw_unmodelled_pattern(
 def _add_noise(
     setup: Setup, prediction: np.ndarray, rng: np.random.Generator, correlation: float
 ) -> Recording:
-    sensors, plan = setup.entry.sensors, setup.plan
+    sensors, plan = setup.muscle_toml.sensors, setup.plan
     n = plan.n
     return dataclasses.replace(
         plan,

@@ -39,17 +39,17 @@ class Setup:
     """A muscle on a bench, before anything is measured.
 
     Attributes:
-        entry: stated values, as in muscle.toml.
+        muscle_toml: stated values, as in muscle.toml.
         plan: set pressure and length; finite force and diameter mark measured samples.
     """
 
-    entry: MuscleToml
+    muscle_toml: MuscleToml
     plan: Recording
 
 
 def build_reference_setup() -> Setup:
     """Return the fixed reference setup: the muscle of the paper with softer threads, at five isobars."""
-    entry = MuscleToml(
+    muscle_toml = MuscleToml(
         name="reference muscle",
         rest_length=MeasuredValue(0.2357),
         thread_length=MeasuredValue(0.2512, 0.4e-3),
@@ -69,7 +69,7 @@ def build_reference_setup() -> Setup:
         rate="0.5 Hz",
         diameter_every=1,
     )
-    return Setup(entry, _build_plan(protocol, entry.rest_length.value))
+    return Setup(muscle_toml, _build_plan(protocol, muscle_toml.rest_length.value))
 
 
 def draw_setup(rng: np.random.Generator, rows: int = _DRAWN_RECORDING_ROWS, law: str | None = None) -> Setup:
@@ -90,7 +90,7 @@ def draw_setup(rng: np.random.Generator, rows: int = _DRAWN_RECORDING_ROWS, law:
     stiffness = float(np.clip(thread_load / _draw_log_uniform(rng, 0.003, 0.03), 2e3, 5e6))
     full_scale_force = highest_pressure * (3 * rest_length**2 - thread**2) / (4 * math.pi * turns**2)
     law = law or ("inelastic" if rng.random() < _INELASTIC_SHARE else "elastic")
-    entry = MuscleToml(
+    muscle_toml = MuscleToml(
         name="random muscle",
         rest_length=MeasuredValue(rest_length),
         thread_length=MeasuredValue(thread, _THREAD_LENGTH_SD_SHARE * thread),
@@ -108,7 +108,7 @@ def draw_setup(rng: np.random.Generator, rows: int = _DRAWN_RECORDING_ROWS, law:
     free_contraction = 1 - 1 / (math.sqrt(3) * math.sin(angle))
     draw_protocol = _draw_ramps if rng.random() < _RAMP_BENCH_SHARE else _draw_strokes
     return Setup(
-        entry,
+        muscle_toml,
         _build_plan(draw_protocol(rng, highest_pressure, free_contraction, rest_length, rows), rest_length),
     )
 

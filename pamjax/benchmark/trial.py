@@ -232,7 +232,7 @@ def run_trial(task: TrialTask) -> Trial:
     values: dict[str, Any] = {
         "stage": task.stage, "kind": task.kind, "correlation": task.correlation,
         "trial_index": task.trial_index, "seed": task.seed, "form_error": task.form_error,
-        "law": ground_truth.case.entry.baseline,
+        "law": ground_truth.case.muscle_toml.baseline,
         "blocks": find_blocks(ground_truth.case.recording).kind,
         "concealed": ground_truth.effect_ids, "sizes": ground_truth.effect_sizes,
     }  # fmt: skip

@@ -343,7 +343,9 @@ def inverse(
                 "a bench needs `lengths`", "none", remedy="State the shortest and the longest length."
             )
         rest_length = (
-            muscle.entry.rest_length.value if isinstance(muscle, LoadedMuscle) else float(muscle.rest_length)
+            muscle.muscle_toml.rest_length.value
+            if isinstance(muscle, LoadedMuscle)
+            else float(muscle.rest_length)
         )
         lengths = rest_length * (1 - _DEFAULT_CONTRACTIONS[1]), rest_length * (1 - _DEFAULT_CONTRACTIONS[0])
     ranges = (

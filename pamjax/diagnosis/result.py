@@ -327,7 +327,7 @@ def _serialise_shift(shift: ParameterShift) -> dict[str, Any]:
 
 def _format_lines(diagnosis: Diagnosis) -> list[str]:
     case, errors = diagnosis.problem.case, diagnosis.held_out_errors
-    lines = [f"{case.name}: {case.entry.name}, {diagnosis.problem.law} baseline"]
+    lines = [f"{case.name}: {case.muscle_toml.name}, {diagnosis.problem.law} baseline"]
     p = diagnosis.mismatch.p_value
     if not diagnosis.is_detected:
         lines.append(f"  no systematic misfit detected (p = {p:.2g})")

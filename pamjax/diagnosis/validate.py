@@ -158,11 +158,11 @@ def validate(
     case = average_fixed_lengths(case)
     recording = case.recording
     good = recording.usable
-    rest_length = case.entry.rest_length.value
+    rest_length = case.muscle_toml.rest_length.value
     pressure = np.where(good, recording.pressure, 0.0)
     length = np.where(good, recording.length, rest_length)
     reading = _predict_reading(model, case, pressure, length)
-    sensors = case.entry.sensors
+    sensors = case.muscle_toml.sensors
     # Readings with pressure or length changed by one sd give the effect of their noise.
     perturbed_readings = [
         _predict_reading(model, case, pressure + by_pressure, length + by_length)

@@ -60,7 +60,7 @@ class PriorInformation:
     """Information about the parameters before the next run.
 
     Attributes:
-        entry: content of muscle.toml.
+        muscle_toml: content of muscle.toml.
         capabilities: capabilities of the rig.
         law: thread law.
         space: free parameters with priors: muscle, sensor zeros and gains, rig, errors of set lengths.
@@ -71,7 +71,7 @@ class PriorInformation:
         misfit_ratios: for each channel of that recording, the rms residual over the noise.
     """
 
-    entry: MuscleToml
+    muscle_toml: MuscleToml
     capabilities: RigCapabilities
     law: str
     space: ParameterSpace
@@ -186,7 +186,7 @@ class PriorInformation:
 
     def find_settings(self, runs: Sequence[PlannedRun]) -> np.ndarray:
         """Return the index of each run's set length; strokes have the index after the last length."""
-        lengths = compute_fixed_lengths(self.capabilities, self.entry.rest_length.value)
+        lengths = compute_fixed_lengths(self.capabilities, self.muscle_toml.rest_length.value)
         return np.array(
             [int(np.argmin(abs(lengths - r.length[0]))) if r.has_fixed_length else lengths.size for r in runs]
         )
@@ -213,13 +213,13 @@ class PriorInformation:
         """Return runs as a recording without measured values."""
         pressure = np.concatenate([run.pressure for run in runs])
         length = np.concatenate([run.length for run in runs])
-        return build_map_case(self.entry, pressure, length)
+        return build_map_case(self.muscle_toml, pressure, length)
 
 
 def _remove_length_errors(case: Case) -> Case:
     """Return the case without length errors of its own; the caller adds its own error parameters."""
-    sensors = replace(case.entry.sensors, length_per_setting=False)
-    return replace(case, entry=replace(case.entry, sensors=sensors))
+    sensors = replace(case.muscle_toml.sensors, length_per_setting=False)
+    return replace(case, muscle_toml=replace(case.muscle_toml, sensors=sensors))
 
 
 def _build_length_errors(sd: float, count: int) -> list[FreeParameter]:
@@ -230,11 +230,11 @@ def _build_length_errors(sd: float, count: int) -> list[FreeParameter]:
     ]
 
 
-def build_map_case(entry: MuscleToml, pressure: np.ndarray, length: np.ndarray) -> Case:
+def build_map_case(muscle_toml: MuscleToml, pressure: np.ndarray, length: np.ndarray) -> Case:
     """Return pressures and lengths as a case, with a placeholder value of force."""
     force = np.full(pressure.size, 1e3)
     recording = Recording.from_arrays(pressure=pressure, length=length, force=force)
-    return Case("plan", Path(), entry, recording, "")
+    return Case("plan", Path(), muscle_toml, recording, "")
 
 
 @compile_on_call
@@ -265,12 +265,12 @@ def _stratify_draws(draws: np.ndarray) -> np.ndarray:
 
 
 def build_prior_information(
-    entry: MuscleToml, capabilities: RigCapabilities, law: str | None = None, case: Case | None = None
+    muscle_toml: MuscleToml, capabilities: RigCapabilities, law: str | None = None, case: Case | None = None
 ) -> PriorInformation:
     """Return the information about a muscle from muscle.toml and from an existing recording.
 
     Args:
-        entry: content of muscle.toml.
+        muscle_toml: content of muscle.toml.
         capabilities: capabilities of the rig.
         law: thread law; None uses that of the baseline model.
         case: existing recording, or None.
@@ -278,8 +278,8 @@ def build_prior_information(
     Raises:
         BadInput: if the model has no free parameter.
     """
-    law = law or entry.baseline
-    free_parameters = list_muscle_parameters(entry, law, case)
+    law = law or muscle_toml.baseline
+    free_parameters = list_muscle_parameters(muscle_toml, law, case)
     # The existing recording may have channels, with their zeros and gains, that the rig no longer has.
     channels = {*capabilities.channels, *(case.recording.channels if case else ())}
     capabilities = replace(
@@ -291,28 +291,30 @@ def build_prior_information(
         for n, sd in capabilities.error_sds.items()
     ]
     # One error for each set length, and one for all strokes.
-    setting_count = compute_fixed_lengths(capabilities, entry.rest_length.value).size + 1
+    setting_count = compute_fixed_lengths(capabilities, muscle_toml.rest_length.value).size + 1
     length_errors = _build_length_errors(capabilities.length_setting_sd, setting_count)
-    prior_information = _build_from_priors(entry, capabilities, law, [*free_parameters, *length_errors])
+    prior_information = _build_from_priors(muscle_toml, capabilities, law, [*free_parameters, *length_errors])
     return prior_information if case is None else _update_with_recording(prior_information, case)
 
 
 def list_muscle_parameters(
-    entry: MuscleToml, law: str | None = None, case: Case | None = None
+    muscle_toml: MuscleToml, law: str | None = None, case: Case | None = None
 ) -> list[FreeParameter]:
     """Return the free parameters of a muscle, without those of the rig; see `build_prior_information`.
 
     Raises:
         BadInput: if the model has no free parameter.
     """
-    law = law or entry.baseline
-    bare_case = case or build_map_case(entry, np.array([0.0, 1e5]), np.full(2, entry.rest_length.value))
+    law = law or muscle_toml.baseline
+    bare_case = case or build_map_case(
+        muscle_toml, np.array([0.0, 1e5]), np.full(2, muscle_toml.rest_length.value)
+    )
     build_joint_space([bare_case], law, ())
     return [n for n in list_free_parameters(bare_case, law) if not is_length_error(n.name)]
 
 
 def _build_from_priors(
-    entry: MuscleToml, capabilities: RigCapabilities, law: str, free_parameters: Sequence[FreeParameter]
+    muscle_toml: MuscleToml, capabilities: RigCapabilities, law: str, free_parameters: Sequence[FreeParameter]
 ) -> PriorInformation:
     """Return the information of the priors alone."""
     space = build_space(free_parameters)
@@ -322,7 +324,9 @@ def _build_from_priors(
     )
     scale = np.where(np.isfinite(sd), sd, default_scale)
     matrix = np.diag(np.where(np.isfinite(sd), 1.0, 1e-6))
-    return PriorInformation(entry, capabilities, law, space, tuple(free_parameters), mean, scale, matrix)
+    return PriorInformation(
+        muscle_toml, capabilities, law, space, tuple(free_parameters), mean, scale, matrix
+    )
 
 
 def _has_channel(name: str, channels: set[str]) -> bool:
@@ -338,7 +342,7 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
     """
     muscle_count = len(prior_information.muscle_indices)
     shared_parameters = [n for n in prior_information.free_parameters if not is_length_error(n.name)]
-    sd = case.entry.sensors.length if case.entry.sensors.length_per_setting else None
+    sd = case.muscle_toml.sensors.length if case.muscle_toml.sensors.length_per_setting else None
     setting = find_length_settings(case.recording) if sd else None
     errors = _build_length_errors(sd, int(setting.max()) + 1) if sd and setting is not None else []
     fitted_space = build_space([*prior_information.free_parameters[:muscle_count], *errors])
@@ -353,7 +357,7 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
     values = np.concatenate([fitted_values[:muscle_count], prior_information.mean[muscle_count:]])
     # Use the length errors of the recording instead of those of the planned runs.
     recorded_information = _build_from_priors(
-        prior_information.entry,
+        prior_information.muscle_toml,
         prior_information.capabilities,
         prior_information.law,
         [*shared_parameters, *errors],
@@ -369,7 +373,7 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
     for channel, channel_noise in noise.items():
         # Without a stated noise, use the larger of the residual and the default.
         default_sd = prior_information.capabilities.channel_sds[channel] or DEFAULT_CHANNEL_SDS[channel]
-        sensor_sd = getattr(case.entry.sensors, channel) or max(default_sd, channel_noise.sd)
+        sensor_sd = getattr(case.muscle_toml.sensors, channel) or max(default_sd, channel_noise.sd)
         channel_rig = replace(prior_information.capabilities, **{f"{channel}_sd": sensor_sd}).keep_channel(
             channel
         )

@@ -118,7 +118,7 @@ class Plan(NotebookNote):
         scale = 1.0 if self.goal == ALL_NUMBERS else compute_si_factor(find_meaning(self.goal).show)
         return {
             "schema": "pamjax.plan/1",
-            "muscle": self.prior.entry.name,
+            "muscle": self.prior.muscle_toml.name,
             "says": format_plan_sentence(self),
             "goal": {"number": self.goal, "sd": self.target_sd / scale, "reached": self.reaches_goal},
             "runs": [
@@ -176,7 +176,7 @@ def plan(
     """
     check_minimum("seed", seed, 0)
     source = ensure_case_or_toml(muscle)
-    case, entry = (source, source.entry) if isinstance(source, Case) else (None, source)
+    case, muscle_toml = (source, source.muscle_toml) if isinstance(source, Case) else (None, source)
     limits_of_recording: dict[str, Any] = (
         {"max_recorded_pressure": _find_highest_pressure(case)} if case else {}
     )
@@ -185,11 +185,11 @@ def plan(
     capabilities = (
         rig
         if isinstance(rig, RigCapabilities)
-        else read_capabilities(entry, rig, **limits_of_recording, minutes=minutes)
+        else read_capabilities(muscle_toml, rig, **limits_of_recording, minutes=minutes)
     )
     # The information of a recording takes seconds: a wrong goal is refused before.
-    goal = _resolve_goal([n.name for n in list_muscle_parameters(entry, law, case)], goal)
-    prior = build_prior_information(entry, capabilities, law, case)
+    goal = _resolve_goal([n.name for n in list_muscle_parameters(muscle_toml, law, case)], goal)
+    prior = build_prior_information(muscle_toml, capabilities, law, case)
     target_sd = _resolve_target_sd(prior, goal, to)
     run_menu, offered_runs = _build_menu(prior, goal, target_sd, seed)
     counts = run_menu.choose_runs()
@@ -198,7 +198,9 @@ def plan(
     single_channel = {}
     if len(capabilities.channels) > 1 and goal != ALL_NUMBERS:
         for channel in capabilities.channels:
-            channel_prior = build_prior_information(entry, capabilities.keep_channel(channel), law, case)
+            channel_prior = build_prior_information(
+                muscle_toml, capabilities.keep_channel(channel), law, case
+            )
             channel_menu, _ = _build_menu(channel_prior, goal, target_sd, seed)
             best = channel_menu.choose_runs()
             single_channel[channel] = (
@@ -238,7 +240,7 @@ def _find_highest_pressure(case: Case) -> float:
 def _build_menu(
     prior: PriorInformation, goal: str, target_sd: float, seed: int
 ) -> tuple[RunMenu, list[PlannedRun]]:
-    offered_runs = list_runs(prior.capabilities, prior.entry.rest_length.value)
+    offered_runs = list_runs(prior.capabilities, prior.muscle_toml.rest_length.value)
     shortest = min(run.minutes for run in offered_runs if run.pressure.size)
     if prior.capabilities.minutes < shortest:
         rule = f"the shortest run of this rig takes {shortest:.2g} min"
@@ -268,7 +270,7 @@ def _compute_sds(prior: PriorInformation, information: np.ndarray) -> np.ndarray
 
 def _compute_isobar_sds(prior: PriorInformation, run_menu: RunMenu, minutes: float) -> np.ndarray:
     """Return (p,) standard deviations after ten isobars, scaled to the same total time, SI."""
-    isobar_runs = list_isobars(prior.capabilities, prior.entry.rest_length.value)
+    isobar_runs = list_isobars(prior.capabilities, prior.muscle_toml.rest_length.value)
     distinct_runs = isobar_runs[::ISOBAR_CYCLES]
     run_matrices = ISOBAR_CYCLES * np.stack(
         [

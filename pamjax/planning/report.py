@@ -20,7 +20,7 @@ _LESS_SD_RATIO = 0.95
 
 def format_plan_note(plan: Plan) -> str:
     """Return the summary of a plan."""
-    lines = [f"{plan.prior.entry.name}: {format_plan_sentence(plan)}", ""]
+    lines = [f"{plan.prior.muscle_toml.name}: {format_plan_sentence(plan)}", ""]
     lines += [
         *(f"  {n} × {run.description}" for n, run in plan.chosen_runs),
         *([""] if plan.chosen_runs else []),

@@ -120,7 +120,7 @@ class RigCapabilities:
 
 
 def read_capabilities(
-    entry: MuscleToml,
+    muscle_toml: MuscleToml,
     rig: Path | None = None,
     recorded_channels: tuple[str, ...] = ("force", "diameter"),
     max_recorded_pressure: float | None = None,
@@ -132,7 +132,7 @@ def read_capabilities(
     noise of a sample. A `ruler` in the rig file is the noise of a sample and replaces that error.
 
     Args:
-        entry: content of muscle.toml.
+        muscle_toml: content of muscle.toml.
         rig: TOML file with a table [rig], such as `pressure = "690 kPa"`, `force = "2 N"` (noise of a
             sample), `diameter = "none"`, `force_zero = "5 N"`, `minutes = 60`.
         recorded_channels: channels of the existing recording; the rig has only these, unless others are
@@ -144,7 +144,7 @@ def read_capabilities(
     Raises:
         BadInput: for an unknown entry, a wrong unit, or a rig without force and diameter.
     """
-    sensors = entry.sensors
+    sensors = muscle_toml.sensors
     stated_fields = {
         "force_sd": sensors.force, "diameter_sd": sensors.diameter,
         "pressure_sd": sensors.pressure, "max_pressure": max_recorded_pressure,

@@ -36,7 +36,7 @@ class Case(NotebookNote):
     Attributes:
         name: name of the folder.
         folder: path of the folder.
-        entry: contents of muscle.toml, SI.
+        muscle_toml: contents of muscle.toml, SI.
         recording: contents of recording.csv, SI.
         checksum: SHA-256 of the bytes of recording.csv followed by muscle.toml.
         warnings: warnings for the user, one sentence each; the caller shows them.
@@ -47,7 +47,7 @@ class Case(NotebookNote):
 
     name: str
     folder: Path
-    entry: MuscleToml
+    muscle_toml: MuscleToml
     recording: Recording
     checksum: str
     warnings: tuple[str, ...] = ()
@@ -59,11 +59,11 @@ class Case(NotebookNote):
         recording = self.recording
         measured = recording.usable
         rest_length, rows = (
-            format_quantity(self.entry.rest_length.value, "mm"),
+            format_quantity(self.muscle_toml.rest_length.value, "mm"),
             format_count(recording.n, "row"),
         )
         lines = [
-            f"{self.name}: {self.entry.name}, {rows} of {' and '.join(recording.channels)}",
+            f"{self.name}: {self.muscle_toml.name}, {rows} of {' and '.join(recording.channels)}",
             f"  pressure {_format_range(recording.pressure[measured], 'kPa')}",
             f"  length {_format_range(recording.length[measured], 'mm')}, rest {rest_length}",
         ]
@@ -155,16 +155,21 @@ def build_case(
     """
     _check_choice("gaps", gaps, _GAP_CHOICES)
     _check_choice("before", before, _BEFORE_CHOICES)
-    entry = read_muscle_toml(toml_bytes, MUSCLE_FILE)
+    muscle_toml = read_muscle_toml(toml_bytes, MUSCLE_FILE)
     recording, notes, units = parse_table(
-        csv_bytes, file, entry.columns, entry.length, entry.measures_length, entry.load
+        csv_bytes,
+        file,
+        muscle_toml.columns,
+        muscle_toml.length,
+        muscle_toml.measures_length,
+        muscle_toml.load,
     )
-    notes += [*check_units(recording, entry, units, file), *find_stuck_sensors(recording, file)]
-    _check_length_below_thread(recording, entry, units.get("length", DISPLAY_UNIT["length"]), file)
+    notes += [*check_units(recording, muscle_toml, units, file), *find_stuck_sensors(recording, file)]
+    _check_length_below_thread(recording, muscle_toml, units.get("length", DISPLAY_UNIT["length"]), file)
     return Case(
         name=folder.resolve().name,
         folder=folder,
-        entry=entry,
+        muscle_toml=muscle_toml,
         recording=recording,
         checksum=hashlib.sha256(csv_bytes + toml_bytes).hexdigest(),
         warnings=tuple(notes),
@@ -180,9 +185,9 @@ def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
         raise BadInput.from_rule(rule, f"{value!r}", remedy=suggest_word(value, choices))
 
 
-def _check_length_below_thread(recording: Recording, entry: MuscleToml, unit: str, file: str) -> None:
+def _check_length_below_thread(recording: Recording, muscle_toml: MuscleToml, unit: str, file: str) -> None:
     """Refuse a length above the thread's, with tolerance for stretch and for the thread length's sd."""
-    thread = _compute_thread_length(entry)
+    thread = _compute_thread_length(muscle_toml)
     too_long = recording.length > thread.value + max(4.0 * thread.sd, 0.02 * thread.value)
     if too_long.any():
         i = int(np.argmax(too_long))
@@ -193,11 +198,11 @@ def _check_length_below_thread(recording: Recording, entry: MuscleToml, unit: st
         )
 
 
-def _compute_thread_length(entry: MuscleToml) -> MeasuredValue:
-    if entry.thread_length is not None:
-        return entry.thread_length
-    assert entry.braid_angle is not None
-    length, rest_length, angle = entry.braid[0], entry.rest_length, entry.braid_angle
+def _compute_thread_length(muscle_toml: MuscleToml) -> MeasuredValue:
+    if muscle_toml.thread_length is not None:
+        return muscle_toml.thread_length
+    assert muscle_toml.braid_angle is not None
+    length, rest_length, angle = muscle_toml.braid[0], muscle_toml.rest_length, muscle_toml.braid_angle
     # B = L / sin θ, so dB / B = dL / L - dθ / tan θ.
     return MeasuredValue(
         length, length * float(np.hypot(rest_length.sd / rest_length.value, angle.sd / np.tan(angle.value)))

@@ -49,7 +49,7 @@ def average_fixed_lengths(case: Case) -> Case:
     Args:
         case: the case to average.
     """
-    recording, sensors = case.recording, case.entry.sensors
+    recording, sensors = case.recording, case.muscle_toml.sensors
     if recording.time is None or recording.measures_length or sensors.length_per_setting:
         return case
     case_blocks = find_blocks(recording)
@@ -64,11 +64,13 @@ def average_fixed_lengths(case: Case) -> Case:
             sizes.append(rest_rows.size)
     if not sizes:
         return case
-    entry = case.entry
+    muscle_toml = case.muscle_toml
     if sensors.length is not None and is_fixed.mean() >= _MIN_FIXED_ROW_SHARE:
         sd_of_mean = sensors.length / float(np.sqrt(np.median(sizes)))
-        entry = replace(entry, sensors=replace(sensors, length=sd_of_mean, length_per_setting=True))
-    return replace(case, recording=replace(recording, length=length), entry=entry)
+        muscle_toml = replace(
+            muscle_toml, sensors=replace(sensors, length=sd_of_mean, length_per_setting=True)
+        )
+    return replace(case, recording=replace(recording, length=length), muscle_toml=muscle_toml)
 
 
 def _find_visits(label: np.ndarray, is_run_start: np.ndarray) -> list[np.ndarray]:

@@ -47,7 +47,7 @@ def simulate(
 
         loaded = pamjax.load_muscle("mine")
         schedule = PAPER_PROTOCOL.build_schedule(rest_length=0.2)  # m
-        recording = pamjax.simulate(loaded.muscle, schedule, loaded.entry.sensors, seed=1)
+        recording = pamjax.simulate(loaded.muscle, schedule, loaded.muscle_toml.sensors, seed=1)
         print(recording.to_frame())
     """
     if schedule.load is not None:
@@ -141,23 +141,27 @@ def draw_ar1_noise(rng: np.random.Generator, n: int, correlation: float) -> np.n
     return np.asarray(lfilter([1.0], [1.0, -correlation], white))
 
 
-def check_set_channel(schedule: Schedule, entry: MuscleToml) -> None:
+def check_set_channel(schedule: Schedule, muscle_toml: MuscleToml) -> None:
     """Refuse a schedule that sets the channel which muscle.toml declares as measured.
 
     Raises:
         BadInput: if one sets the force and the other the length, or if their loads differ.
     """
-    if entry.measures_length and schedule.load is None:
+    if muscle_toml.measures_length and schedule.load is None:
         rule = "a muscle with a measured length needs a protocol that sets the force"
         remedy = 'Write a protocol with kind = "ramps" and loads = ["0 N"], or remove [test] of muscle.toml.'
         raise BadInput.from_rule(rule, "a protocol that sets the length", remedy=remedy)
-    if schedule.load is not None and not entry.measures_length:
+    if schedule.load is not None and not muscle_toml.measures_length:
         remedy = 'Write measured = "length" in the table [test].'
         raise BadInput.from_rule(
             "`loads` need a muscle.toml with a measured length", "a measured force", remedy=remedy
         )
-    if schedule.load is not None and entry.load is not None and (schedule.load != entry.load).any():
-        rule = f"`loads` must equal `load` in [test] of muscle.toml ({entry.load:g} N)"
+    if (
+        schedule.load is not None
+        and muscle_toml.load is not None
+        and (schedule.load != muscle_toml.load).any()
+    ):
+        rule = f"`loads` must equal `load` in [test] of muscle.toml ({muscle_toml.load:g} N)"
         raise BadInput.from_rule(
             rule, f"up to {schedule.load.max():g} N", remedy="Remove `load` from [test]."
         )

@@ -151,7 +151,7 @@ def _find_calibrated_material(
 def _transfer_muscle(
     loaded_muscle: LoadedMuscle, file: str, where: str, sources: list[str]
 ) -> dict[str, Any]:
-    muscle_toml, muscle = loaded_muscle.entry, loaded_muscle.muscle
+    muscle_toml, muscle = loaded_muscle.muscle_toml, loaded_muscle.muscle
     area = (muscle_toml.threads or 0) * (muscle_toml.thread_area.value if muscle_toml.thread_area else 0.0)
     properties: dict[str, Any] = {}
     stiffness = _compute_thread_stiffness(muscle)
@@ -222,7 +222,10 @@ def _compute_misfit_share(path: Path) -> float | None:
         return None
     loaded_muscle = load_muscle(path)
     max_pressure = loaded_muscle.calibrated_range.get("pressure", (0.0, 0.0))[1]
-    rest_length, (thread, turns) = loaded_muscle.entry.rest_length.value, loaded_muscle.entry.braid
+    rest_length, (thread, turns) = (
+        loaded_muscle.muscle_toml.rest_length.value,
+        loaded_muscle.muscle_toml.braid,
+    )
     blocked_force = max_pressure * (3 * rest_length**2 - thread**2) / (4 * math.pi * turns**2)
     return misfit / blocked_force if blocked_force > 0 else None
 

@@ -61,7 +61,7 @@ def format_noise(case: Case, channel: str, sd: float) -> str:
         channel: "force" or "diameter".
         sd: noise of one row, SI, with the noise of pressure and length propagated through the model.
     """
-    stated_sd = getattr(case.entry.sensors, channel)
+    stated_sd = getattr(case.muscle_toml.sensors, channel)
     head = f"Noise of {channel} is {format_channel_value(sd, channel)} per row"
     if stated_sd is None or is_stated_noise(sd, stated_sd):
         return f"{head}, as stated in muscle.toml"

@@ -22,7 +22,7 @@ def test_a_large_effect_in_white_noise_is_selected_and_predicted():
     held_out, measured = diagnosis.held_out_errors.held_out, diagnosis.problem.measured[0]
     selection = select_by_bic(diagnosis.problem, ~held_out)
     assert selection.ids[0] == "force_offset"
-    force_sd = diagnosis.problem.case.entry.sensors.force
+    force_sd = diagnosis.problem.case.muscle_toml.sensors.force
     assert force_sd is not None
     assert np.sqrt(np.nanmean((measured - selection.force)[held_out] ** 2)) < 1.5 * force_sd
 

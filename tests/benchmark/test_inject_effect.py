@@ -54,7 +54,7 @@ def test_simulated_force_is_never_negative():
 def test_concealed_thread_stretch_agrees_with_muscle_toml():
     """The stretch of the threads is stated: the concealed one has this size, or it is absent."""
     setup = build_reference_setup()
-    rigid = replace(setup, entry=replace(setup.entry, baseline="inelastic"))
+    rigid = replace(setup, muscle_toml=replace(setup.muscle_toml, baseline="inelastic"))
 
     def made(wanted):
         rng = np.random.default_rng(2)

@@ -142,7 +142,7 @@ def simulate_protocol(
     stage: SimulatedTestbed, schedule: Schedule, a: CandidateFit, true, rng
 ) -> tuple[LibraryProblem, NoiseModel]:
     """Return a simulated recording of the moved muscle, with noise of all four channels."""
-    n, sensors = schedule.time.size, stage.problem.case.entry.sensors
+    n, sensors = schedule.time.size, stage.problem.case.muscle_toml.sensors
     true_outputs = stage.simulate(schedule).predict(true)
     noisy_schedule = dataclasses.replace(
         schedule,

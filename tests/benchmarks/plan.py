@@ -54,7 +54,7 @@ def a_muscle(rng: np.random.Generator, minutes: float) -> tuple[MuscleToml, RigC
         force=force * rng.uniform(5e-4, 2e-3), diameter=rng.uniform(0.05e-3, 0.15e-3),
         pressure=1e-3 * pressure, length=2e-5,
     )  # fmt: skip
-    entry = MuscleToml(
+    muscle_toml = MuscleToml(
         name="a muscle", rest_length=MeasuredValue(rest), thread_length=MeasuredValue(thread, 0.003 * thread),
         turns=MeasuredValue(turns, 0.005 * turns), threads=threads, thread_area=MeasuredValue(area),
         modulus=MeasuredValue(modulus, 0.2 * modulus), sensors=sensors, baseline="elastic",
@@ -72,7 +72,7 @@ def a_muscle(rng: np.random.Generator, minutes: float) -> tuple[MuscleToml, RigC
     means = RigCapabilities(
         max_pressure=pressure, max_contraction=0.25, minutes=minutes, error_sds=off, **stated_sds
     )
-    return entry, means
+    return muscle_toml, means
 
 
 @dataclass(frozen=True)
@@ -123,10 +123,13 @@ def outcome(
                 mean[k], sd[k] = (mean[k] * sd[k] ** -2 + seen * reading**-2) / weight, weight**-0.5
     moving = [run for run in runs if run.pressure.size]
     pressure, length = (np.concatenate([getattr(r, c) for r in moving]) for c in ("pressure", "length"))
-    n, means, entry = pressure.size, known.capabilities, known.entry
+    n, means, muscle_toml = pressure.size, known.capabilities, known.muscle_toml
     assert n <= ROWS
-    fixed = {"muscle.rest_length": entry.rest_length.value, "muscle.threads": float(entry.threads or 0)}
-    fixed |= {"muscle.thread_area": entry.thread_area.value} if entry.thread_area else {}
+    fixed = {
+        "muscle.rest_length": muscle_toml.rest_length.value,
+        "muscle.threads": float(muscle_toml.threads or 0),
+    }
+    fixed |= {"muscle.thread_area": muscle_toml.thread_area.value} if muscle_toml.thread_area else {}
 
     def padded(values):
         return np.concatenate([values, np.full(ROWS - n, values[-1])])
@@ -164,7 +167,7 @@ def outcome(
 
 def in_minutes(known: PriorInformation, minutes: float) -> list[PlannedRun]:
     """Return ten isobars with the number of samples of the available minutes."""
-    usual = list_isobars(known.capabilities, known.entry.rest_length.value)
+    usual = list_isobars(known.capabilities, known.muscle_toml.rest_length.value)
     share = minutes / sum(run.minutes for run in usual)
     pressure, length = (np.concatenate([getattr(r, c) for r in usual]) for c in ("pressure", "length"))
     picked = np.linspace(0, pressure.size - 1, round(share * pressure.size)).round().astype(int)
@@ -181,7 +184,7 @@ def alike(seed: int, minutes: float) -> Outcome:
     """Return the result of one muscle with three fixed runs: a ramp, a hold and a rigid bar."""
     rng = np.random.default_rng([20, 1000 + seed])
     known = build_prior_information(*a_muscle(rng, minutes))
-    offered = list_runs(known.capabilities, known.entry.rest_length.value)
+    offered = list_runs(known.capabilities, known.muscle_toml.rest_length.value)
     kinds = "ramp", "hold", "steel bar"
     runs = [next(run for run in offered if kind in run.description) for kind in kinds]
     return outcome(known, runs, a_truth(known, rng), rng)
@@ -190,9 +193,9 @@ def alike(seed: int, minutes: float) -> Outcome:
 def trial(seed: int, minutes: float) -> tuple[Plan, Outcome, Outcome]:
     """Return the plan of one muscle, its result, and the result of ten isobars."""
     rng = np.random.default_rng([20, seed])
-    entry, means = a_muscle(rng, minutes)
-    result = plan(entry, means, GOAL, to="5 %")
-    known = build_prior_information(entry, means)
+    muscle_toml, means = a_muscle(rng, minutes)
+    result = plan(muscle_toml, means, GOAL, to="5 %")
+    known = build_prior_information(muscle_toml, means)
     true = a_truth(known, rng)
     planned = [run for count, run in result.chosen_runs for _ in range(count)]
     return (

@@ -29,9 +29,9 @@ def p_value(setting: tuple[str, float, int]) -> float:
     """Return the p-value of one recording with sensors of unstated noise."""
     silent, correlation, number = setting
     case = draw_ground_truth(TrialTask("score", "nothing", correlation, number, SEED)).case
-    sensors = dataclasses.replace(case.entry.sensors, **SILENT[silent])
-    entry = dataclasses.replace(case.entry, sensors=sensors)
-    return score_recording(dataclasses.replace(case, entry=entry), number).p_value
+    sensors = dataclasses.replace(case.muscle_toml.sensors, **SILENT[silent])
+    muscle_toml = dataclasses.replace(case.muscle_toml, sensors=sensors)
+    return score_recording(dataclasses.replace(case, muscle_toml=muscle_toml), number).p_value
 
 
 def main(count: int = 200, file: Path | None = None) -> None:

@@ -53,12 +53,12 @@ class BankRecording:
 def build_setup() -> Setup:
     """Return the muscle and the protocol of all recordings."""
     reference = build_reference_setup()
-    return replace(reference, entry=replace(reference.entry, baseline="inelastic", modulus=None))
+    return replace(reference, muscle_toml=replace(reference.muscle_toml, baseline="inelastic", modulus=None))
 
 
 def _compute_obstacle_force(recording: Recording) -> np.ndarray:
     """Return the force of an elastic stop that the muscle touches at 12 % contraction, N."""
-    rest_length = build_setup().entry.rest_length.value
+    rest_length = build_setup().muscle_toml.rest_length.value
     return 1300.0 * np.maximum(1 - recording.length / rest_length - 0.12, 0.0)
 
 
@@ -76,7 +76,7 @@ def _compute_ripple(recording: Recording) -> np.ndarray:
 def _compute_bending_force(recording: Recording) -> np.ndarray:
     """Return the force that a muscle loses by bending beyond 8 % contraction at low pressure, N."""
     slackness = np.maximum(1 - recording.pressure / (0.45 * recording.pressure.max()), 0.0)
-    contraction = 1 - recording.length / build_setup().entry.rest_length.value
+    contraction = 1 - recording.length / build_setup().muscle_toml.rest_length.value
     return -6000.0 * slackness * np.maximum(contraction - 0.08, 0.0)
 
 
@@ -117,7 +117,7 @@ def diagnose_bank(definition: BankRecording) -> Diagnosis:
 def build_plan_problem() -> LibraryProblem:
     """Return the problem of the protocol before its simulation: real limits and priors, nothing compiled."""
     setup = build_setup()
-    return build_library_problem(Case("bank", Path("bank"), setup.entry, setup.plan, "simulated"))
+    return build_library_problem(Case("bank", Path("bank"), setup.muscle_toml, setup.plan, "simulated"))
 
 
 @cache

@@ -86,8 +86,8 @@ def test_noise_alone_is_no_mismatch(correlation):
 @pytest.mark.parametrize("ratio", [0.75, 2.0])
 def test_a_noisier_or_quieter_sensor_is_no_mismatch(ratio):
     case = simulate_bank(BankRecording(seed=0, correlation=0.0)).case
-    sensors = replace(case.entry.sensors, force=case.entry.sensors.force / ratio)
-    misstated = replace(case, entry=replace(case.entry, sensors=sensors))
+    sensors = replace(case.muscle_toml.sensors, force=case.muscle_toml.sensors.force / ratio)
+    misstated = replace(case, muscle_toml=replace(case.muscle_toml, sensors=sensors))
     diagnosis = diagnose(misstated)
     check_no_mismatch(diagnosis)
     # Noise of pressure is a part of the force noise, so that the ratio is closer to one.

@@ -99,7 +99,7 @@ def test_concealed_friction_is_named_and_its_loop_explained(tmp_path):
     assert envelope.effect_sizes[0] == pytest.approx(6.0, rel=0.2)
     assert [name.id for name in diagnosis.named_mechanisms] == ["braid_friction"]
     assert diagnosis.named_mechanisms[0].probability > 0.9
-    noise = build_reference_setup().entry.sensors.force
+    noise = build_reference_setup().muscle_toml.sensors.force
     assert diagnosis.held_out_errors.rmse_before["force"] > 3 * noise
     assert diagnosis.held_out_errors.rmse_after["force"] < 1.4 * noise
     save_diagnosis(diagnosis, tmp_path)
@@ -131,7 +131,7 @@ def test_saved_improved_model_gives_the_same_prediction(tmp_path):
     place = document["correlation"]["names"].index("braid_friction.coefficient")
     assert document["correlation"]["matrix"][place][place] == 1.0
     judged = validate(load_muscle(tmp_path / "model.json"), envelope.case)
-    assert judged.rmse["force"] < 1.3 * build_reference_setup().entry.sensors.force
+    assert judged.rmse["force"] < 1.3 * build_reference_setup().muscle_toml.sensors.force
     assert not judged.extrapolations
 
 

@@ -25,11 +25,11 @@ ESTIMATES = {
 def build_document():
     """Return the document of a braid with elastic threads, whose two lengths were set by ruler."""
     setup = build_setup()
-    sensors = replace(setup.entry.sensors, length=5e-4, length_per_setting=True)
+    sensors = replace(setup.muscle_toml.sensors, length=5e-4, length_per_setting=True)
     low, high = setup.plan.length.min(), setup.plan.length.max()
     recording = replace(setup.plan, length=np.where(np.arange(setup.plan.n) < 200, high, low))
-    entry = replace(setup.entry, sensors=sensors)
-    problem = build_library_problem(Case("rig", Path("nowhere"), entry, recording, "0"))
+    muscle_toml = replace(setup.muscle_toml, sensors=sensors)
+    problem = build_library_problem(Case("rig", Path("nowhere"), muscle_toml, recording, "0"))
     free = [problem.index(name) for name in ESTIMATES]
     values = problem.neutral.copy()
     values[free] = [value for value, _ in ESTIMATES.values()]

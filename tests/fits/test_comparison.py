@@ -32,7 +32,7 @@ def simulate_case(extra=0.0, pressure=PRESSURE, length=LENGTH):
     """Return the force of a bare braid with noise and exact lengths, plus the force of a wall."""
     truth = predict(Muscle(0.200, 0.2142, 1.203), jnp.asarray(pressure), jnp.asarray(length)).force
     noise = np.random.default_rng(3).normal(0, NOISE, pressure.size)
-    entry = parse_muscle_toml(
+    muscle_toml = parse_muscle_toml(
         {
             "muscle": {
                 "rest_length": "200 mm",
@@ -44,7 +44,7 @@ def simulate_case(extra=0.0, pressure=PRESSURE, length=LENGTH):
     )
     force = np.asarray(truth) + noise + extra
     recording = Recording.from_arrays(pressure=pressure, length=length, force=force)
-    return Case("simulated", Path(), entry, recording, "")
+    return Case("simulated", Path(), muscle_toml, recording, "")
 
 
 def thick_wall(pressure, length):
@@ -147,4 +147,4 @@ def test_a_case_without_force_is_refused():
     case = simulate_case()
     blank = Recording.from_arrays(pressure=PRESSURE, length=LENGTH, diameter=np.full(PRESSURE.size, 0.02))
     with pytest.raises(BadInput, match="a comparison of forces needs a measured force; got none"):
-        compare(Case("blank", case.folder, case.entry, blank, ""))
+        compare(Case("blank", case.folder, case.muscle_toml, blank, ""))

@@ -148,7 +148,7 @@ def test_floor_of_simulated_tests_is_the_noise():
     with import_scripts("portland_hose", "repeatability_floor") as (script,):
         floor = script.measure_floor(case)
     # Pressure noise adds its sd times the slope of force with pressure, at most 440 N in 620 kPa.
-    noise = np.hypot(case.entry.sensors.force, case.entry.sensors.pressure * 440 / 620e3)
+    noise = np.hypot(case.muscle_toml.sensors.force, case.muscle_toml.sensors.pressure * 440 / 620e3)
     assert 0.5 * noise < floor.tests_all_lengths < noise
     assert floor.floor == pytest.approx(np.hypot(floor.tests, floor.ruler))
 
@@ -169,7 +169,7 @@ def test_simulated_hoses_agree_with_their_script(tmp_path):
         script.main([str(tmp_path)])
     for folder in sorted(tmp_path.iterdir()):
         committed, made = read_case(SIMULATED / folder.name), read_case(folder)
-        assert made.entry == committed.entry
+        assert made.muscle_toml == committed.muscle_toml
         # Twice the last digit that is written, SI.
         for channel, digit in {"time": 1e-4, "pressure": 0.1, "length": 1e-8, "force": 1e-4}.items():
             values = [getattr(case.recording, channel) for case in (made, committed)]

@@ -45,7 +45,7 @@ RAMPS = Protocol(
 )
 
 
-def entry(off=(0.0, 0.0, 0.0), sensors=SENSORS, baseline="elastic", **more):
+def build_muscle_toml(off=(0.0, 0.0, 0.0), sensors=SENSORS, baseline="elastic", **more):
     """Return a muscle.toml whose values differ from the truth by multiples of their sd."""
     length, turns, modulus = (
         MeasuredValue(TRUE[n] + k * sd, sd) for (n, sd), k in zip(SD.items(), off, strict=True)
@@ -79,7 +79,7 @@ def made(
     """Return a simulated case.
 
     Args:
-        off: see `entry`.
+        off: see `build_muscle_toml`.
         bench: true noise of the sensors; `sensors` in `entries` is the stated noise.
         lag_one: lag-one correlation of the noise of force and diameter.
         true: true parameters that differ from `TRUE`.
@@ -90,7 +90,7 @@ def made(
     recording = simulate(assemble(law, numbers), schedule, bench, seed=seed, correlation_time=time)
     for channel in {"force", "diameter"} - set(channels):
         recording = dataclasses.replace(recording, **{channel: np.full(recording.n, np.nan)})
-    return Case(name, Path("."), entry(off, **entries), recording, "")
+    return Case(name, Path("."), build_muscle_toml(off, **entries), recording, "")
 
 
 def sds_off(fit, true=TRUE):

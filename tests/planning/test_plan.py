@@ -30,19 +30,19 @@ KEVLAR = Path(__file__).parents[2] / "fits" / "chambers_wereley_2022" / "muscle.
 
 
 @pytest.fixture(scope="module")
-def entry():
+def muscle_toml():
     return read_muscle_toml(KEVLAR.read_bytes())
 
 
-def test_information_agrees_with_finite_differences_through_the_rig(entry):
+def test_information_agrees_with_finite_differences_through_the_rig(muscle_toml):
     known = build_prior_information(
-        entry, RigCapabilities(max_pressure=690e3, pressure_sd=0.0, length_sd=0.0)
+        muscle_toml, RigCapabilities(max_pressure=690e3, pressure_sd=0.0, length_sd=0.0)
     )
     pressure, length = np.array([200e3, 400e3, 690e3]), np.array([0.2357, 0.21, 0.19])
     values, label = known.mean.copy(), np.zeros(3, int)
     rig = [k for k in range(values.size) if k not in known.muscle_indices]
     values[rig] = 0.0  # where the plan's derivatives are taken
-    got = known.compute_information(build_map_case(entry, pressure, length), label, 1, values)[0]
+    got = known.compute_information(build_map_case(muscle_toml, pressure, length), label, 1, values)[0]
     fixed = {"muscle.rest_length": 0.2357, "muscle.threads": 144.0, "muscle.thread_area": 0.0858e-6}
 
     def show(k):
@@ -62,10 +62,10 @@ def test_information_agrees_with_finite_differences_through_the_rig(entry):
 
 
 @pytest.fixture(scope="module")
-def by_ruler(entry):
+def by_ruler(muscle_toml):
     """Return the muscle on a bench whose lengths are set by ruler, with one error for each length."""
     sensors = Sensors(force=2.0, diameter=1e-4, pressure=700.0, length=1e-3, length_per_setting=True)
-    return replace(entry, sensors=sensors)
+    return replace(muscle_toml, sensors=sensors)
 
 
 def test_ruler_error_is_shared_by_all_samples_of_a_length(by_ruler):
@@ -132,8 +132,8 @@ def test_recording_with_lengths_set_by_ruler_is_used(by_ruler):
     assert information[k, k] > 0
 
 
-def test_information_of_readings_and_repeats_is_additive(entry):
-    known = build_prior_information(entry, RigCapabilities(max_pressure=690e3))
+def test_information_of_readings_and_repeats_is_additive(muscle_toml):
+    known = build_prior_information(muscle_toml, RigCapabilities(max_pressure=690e3))
     offered = list_runs(known.capabilities, 0.2357)
     each = known.compute_run_information(offered, known.mean)
     vent = next(k for k, run in enumerate(offered) if "vented" in run.description)
@@ -143,9 +143,9 @@ def test_information_of_readings_and_repeats_is_additive(entry):
     assert np.all(np.linalg.eigvalsh(each) > -1e-6 * np.abs(each).max())
 
 
-def test_information_is_proportional_to_the_sampling_rate(entry):
+def test_information_is_proportional_to_the_sampling_rate(muscle_toml):
     means = RigCapabilities(max_pressure=690e3)
-    slow, fast = (build_prior_information(entry, replace(means, rate=rate)) for rate in (1.0, 50.0))
+    slow, fast = (build_prior_information(muscle_toml, replace(means, rate=rate)) for rate in (1.0, 50.0))
     run_information = [
         prior.compute_run_information(list_runs(prior.capabilities, 0.2357)[:6], prior.mean)
         for prior in (slow, fast)
@@ -156,8 +156,8 @@ def test_information_is_proportional_to_the_sampling_rate(entry):
     agree(run_information[1] / 50 / unit, run_information[0] / unit, 5e-3, scale=1.0)
 
 
-def test_diameter_determines_the_thread_modulus_and_force_does_not(entry):
-    result = plan(entry, read_capabilities(entry, pressure="690 kPa", minutes=60))
+def test_diameter_determines_the_thread_modulus_and_force_does_not(muscle_toml):
+    result = plan(muscle_toml, read_capabilities(muscle_toml, pressure="690 kPa", minutes=60))
     assert result.goal == "thread.modulus"
     assert result.reaches_goal
     assert result.minutes < 30
@@ -171,14 +171,14 @@ def test_diameter_determines_the_thread_modulus_and_force_does_not(entry):
     assert len(result.schedule()) == result.rows
 
 
-def test_sensor_offsets_stay_uncertain_without_their_channel(entry):
+def test_sensor_offsets_stay_uncertain_without_their_channel(muscle_toml):
     force, diameter = np.array([900.0, 400.0]), np.array([0.0225, 0.0262])
     recording = Recording.from_arrays(
         pressure=np.array([4e5, 5e5]), length=np.array([0.2357, 0.21]), force=force, diameter=diameter
     )
-    case = Case("made", Path(), entry, recording, "")
+    case = Case("made", Path(), muscle_toml, recording, "")
     both, alone = (
-        build_prior_information(entry, means, case=case)
+        build_prior_information(muscle_toml, means, case=case)
         for means in (RigCapabilities(), RigCapabilities().keep_channel("force"))
     )
     assert both.space.names == alone.space.names
@@ -186,26 +186,26 @@ def test_sensor_offsets_stay_uncertain_without_their_channel(entry):
 
 
 @pytest.fixture(scope="module")
-def stroke(entry):
+def stroke(muscle_toml):
     """Return a noise-free stroke of the paper's muscle."""
     pressure, length = np.full(60, 5e5), np.linspace(0.2357, 0.2, 60)
     shown = predict(
-        assemble("elastic", {n: m.value for n, m in collect_stated_values(entry, "elastic").items()}),
+        assemble("elastic", {n: m.value for n, m in collect_stated_values(muscle_toml, "elastic").items()}),
         jnp.asarray(pressure),
         jnp.asarray(length),
     )
     return pressure, length, np.asarray(shown.force), np.asarray(shown.diameter)
 
 
-def recorded(entry, stroke, more):
+def recorded(muscle_toml, stroke, more):
     pressure, length, force, diameter = stroke
     recording = Recording.from_arrays(pressure=pressure, length=length, force=force + more, diameter=diameter)
-    return Case("made", Path(), entry, recording, "")
+    return Case("made", Path(), muscle_toml, recording, "")
 
 
 @pytest.mark.slow
-def test_misfit_of_a_recording_is_reported_and_counts_as_noise(entry, stroke):
-    sure = replace(entry, sensors=Sensors(force=2.0, diameter=1e-4, pressure=700.0, length=2e-5))
+def test_misfit_of_a_recording_is_reported_and_counts_as_noise(muscle_toml, stroke):
+    sure = replace(muscle_toml, sensors=Sensors(force=2.0, diameter=1e-4, pressure=700.0, length=2e-5))
     noise = 2.0 * np.random.default_rng(2).standard_normal(60)
     bent = 40.0 * np.sin(np.linspace(0, 4 * np.pi, 60))
     met, missed = (plan(recorded(sure, stroke, more), to="1 %") for more in (noise, noise + bent))
@@ -232,8 +232,8 @@ def test_misfit_of_a_recording_is_reported_and_counts_as_noise(entry, stroke):
     agree(run_information[0][k, k], run_information[1][k, k] * again**2, SOLVED)
 
 
-def test_plan_stays_below_the_recorded_or_stated_pressure(entry, stroke, tmp_path):
-    case = recorded(entry, stroke, 0.0)
+def test_plan_stays_below_the_recorded_or_stated_pressure(muscle_toml, stroke, tmp_path):
+    case = recorded(muscle_toml, stroke, 0.0)
     assert plan(case, minutes=10.0).schedule()["pressure [kPa]"].max() <= 500 + 1e-6
     (tmp_path / "rig.toml").write_text('[rig]\npressure = "6 bar"\n')
     assert plan(case, tmp_path / "rig.toml", minutes=10.0).prior.capabilities.max_pressure == pytest.approx(
@@ -242,9 +242,9 @@ def test_plan_stays_below_the_recorded_or_stated_pressure(entry, stroke, tmp_pat
 
 
 @pytest.mark.parametrize("minutes", [2.5, 19.0])
-def test_minutes_are_formatted_consistently(entry, minutes):
+def test_minutes_are_formatted_consistently(muscle_toml, minutes):
     """2.5 minutes must not be 2 in one line and 2.5 in the next."""
-    result = plan(entry, RigCapabilities(), to="30 GPa")
+    result = plan(muscle_toml, RigCapabilities(), to="30 GPa")
     ramp = next(run for run in list_runs(result.prior.capabilities, 0.2357) if "ramp" in run.description)
     alone = {"force": (5e9, minutes)}
     run_plan = replace(
@@ -262,8 +262,8 @@ def test_minutes_are_formatted_consistently(entry, minutes):
         assert not set(re.findall(r"([\d.]+) min\b", text)) - {f"{minutes:g}"}
 
 
-def test_title_of_a_plan_fits_a_narrow_screen(entry, stroke):
-    result = plan(recorded(entry, stroke, 40.0 * np.sin(np.linspace(0, 4 * np.pi, 60))), to="30 GPa")
+def test_title_of_a_plan_fits_a_narrow_screen(muscle_toml, stroke):
+    result = plan(recorded(muscle_toml, stroke, 40.0 * np.sin(np.linspace(0, 4 * np.pi, 60))), to="30 GPa")
     wrong = replace(result, prior=replace(result.prior, misfit_ratios={"force": 9.0}))
     course = PrecisionCourse("thread.modulus", "GPa", np.array([0.0, 2.5]), np.array([20.0, 5.0]))
     figure = plot_precision(wrong, course, narrow=True)
@@ -273,8 +273,8 @@ def test_title_of_a_plan_fits_a_narrow_screen(entry, stroke):
     assert title.get_window_extent().x1 <= figure.bbox.x1
 
 
-def test_better_isobars_are_reported(entry):
-    result = plan(entry, RigCapabilities(), to="30 GPa")
+def test_better_isobars_are_reported(muscle_toml):
+    result = plan(muscle_toml, RigCapabilities(), to="30 GPa")
     after = result.expected_sds["thread.modulus"].sd_after
     better, worse = (format_isobars(replace(result, isobars_sd=share * after)) for share in (0.9, 1.1))
     assert "better than this plan (± 20 GPa); of complete runs, this plan is the shortest found" in better
@@ -282,8 +282,8 @@ def test_better_isobars_are_reported(entry):
     assert worse.endswith("to ± 22 GPa, 1.1 times the sd of this plan")
 
 
-def test_known_parameter_needs_no_run(entry):
-    result = plan(entry, RigCapabilities(), to="30 GPa")
+def test_known_parameter_needs_no_run(muscle_toml):
+    result = plan(muscle_toml, RigCapabilities(), to="30 GPa")
     assert (result.chosen_runs, result.minutes, result.rows) == ((), 0.0, 0)
     assert "no measurement is needed: thread.modulus is already determined to ± 20 GPa" in str(result)
     assert len(result.schedule()) == 0
@@ -295,9 +295,9 @@ def test_known_parameter_needs_no_run(entry):
     assert plot_commands(result) is None
 
 
-def test_muscle_toml_path_is_accepted(entry, tmp_path):
+def test_muscle_toml_path_is_accepted(muscle_toml, tmp_path):
     wanted = {"goal": "thread.modulus", "minutes": 30.0}
-    expected = plan(entry, **wanted).as_dict()
+    expected = plan(muscle_toml, **wanted).as_dict()
     for place in (KEVLAR, str(KEVLAR)):
         assert plan(place, **wanted).as_dict() == expected
     # If the folder has a recording, its information is included.
@@ -308,34 +308,34 @@ def test_muscle_toml_path_is_accepted(entry, tmp_path):
         plan(3, **wanted)  # pyright: ignore[reportArgumentType]
 
 
-def test_channels_of_a_rig_are_recorded_or_stated(entry):
-    silent, both = replace(entry, sensors=Sensors()), ("force", "diameter")
+def test_channels_of_a_rig_are_recorded_or_stated(muscle_toml):
+    silent, both = replace(muscle_toml, sensors=Sensors()), ("force", "diameter")
     assert read_capabilities(silent).channels == both
     assert read_capabilities(silent, recorded_channels=("force",)).channels == ("force",)
     assert read_capabilities(silent, recorded_channels=("force",), diameter="0.1 mm").channels == both
     assert (
         read_capabilities(
-            replace(entry, sensors=Sensors(diameter=1e-4)), recorded_channels=("force",)
+            replace(muscle_toml, sensors=Sensors(diameter=1e-4)), recorded_channels=("force",)
         ).channels
         == both
     )
 
 
-def test_rig_is_read_and_an_invalid_one_is_refused(entry, tmp_path):
+def test_rig_is_read_and_an_invalid_one_is_refused(muscle_toml, tmp_path):
     file = tmp_path / "rig.toml"
     file.write_text('[rig]\npressure = "100 psi"\nforce = "none"\nforce_zero = "1 lbf"\ngive = "0.1 mm/kN"\n')
-    means = read_capabilities(entry, file)
+    means = read_capabilities(muscle_toml, file)
     assert means.max_pressure == pytest.approx(689_476, rel=1e-5)
     assert means.channels == ("diameter",)
     assert means.error_sds["rig_compliance.compliance"] == pytest.approx(1e-7)
     file.write_text('[rig]\ncontraction = "15 %"\nminutes = "0.5 h"\n')
-    means = read_capabilities(entry, file)
+    means = read_capabilities(muscle_toml, file)
     assert (means.max_contraction, means.minutes) == (pytest.approx(0.15), pytest.approx(30.0))
     file.write_text('[rig]\npresure = "1 bar"\n')
     with pytest.raises(BadInput, match="Did you mean `pressure`"):
-        read_capabilities(entry, file)
+        read_capabilities(muscle_toml, file)
     with pytest.raises(BadInput, match=r"no free parameter of this muscle.*thread\.modulus"):
-        plan(entry, RigCapabilities(), "thread.modulu")
+        plan(muscle_toml, RigCapabilities(), "thread.modulu")
 
 
 def test_wrong_goal_is_refused_before_the_recording_is_used(monkeypatch):

@@ -24,7 +24,7 @@ def test_case_has_both_files(folder):
     case = read_case(path)
     assert case.name == "my-muscle"
     assert case.folder == path
-    assert case.entry.name == "test muscle"
+    assert case.muscle_toml.name == "test muscle"
     assert case.recording.channels == ("force", "diameter")
     assert case.warnings == ()
     data = (path / "recording.csv").read_bytes() + (path / "muscle.toml").read_bytes()

@@ -26,14 +26,17 @@ def assert_same(case, other):
         np.testing.assert_allclose(
             getattr(case.recording, name), getattr(other.recording, name), rtol=1e-12, err_msg=name
         )
-    assert case.entry.rest_length == other.entry.rest_length
+    assert case.muscle_toml.rest_length == other.muscle_toml.rest_length
 
 
 def test_dataframe_gives_the_same_case(folder):
     case = read_case(folder)
     assert_same(case_from(case.recording.to_frame(), folder, name="again"), case)
     assert_same(case_from(case.recording.to_frame(), folder / "muscle.toml"), case)
-    assert case_from(case.recording.to_frame(), {"muscle": BRAID}).entry.rest_length == case.entry.rest_length
+    assert (
+        case_from(case.recording.to_frame(), {"muscle": BRAID}).muscle_toml.rest_length
+        == case.muscle_toml.rest_length
+    )
 
 
 def test_xarray_dataset_gives_the_same_case(folder):

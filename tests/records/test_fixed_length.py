@@ -27,8 +27,8 @@ def ramps(motion=0.0, noise=NOISE, travel=0, **sensors):
         force=1e-3 * pressure, diameter=np.full(n, np.nan), time=0.1 * np.arange(n),
     )  # fmt: skip
     case = made("elastic")
-    stated_sensors = replace(case.entry.sensors, **{"length": NOISE} | sensors)
-    return replace(case, recording=recording, entry=replace(case.entry, sensors=stated_sensors))
+    stated_sensors = replace(case.muscle_toml.sensors, **{"length": NOISE} | sensors)
+    return replace(case, recording=recording, muscle_toml=replace(case.muscle_toml, sensors=stated_sensors))
 
 
 def test_fixed_length_is_its_mean_with_the_noise_of_a_mean():
@@ -37,9 +37,9 @@ def test_fixed_length_is_its_mean_with_the_noise_of_a_mean():
     assert np.abs(np.unique(case.recording.length) - np.sort(LENGTHS)).max() < 4 * NOISE / np.sqrt(
         ROWS_PER_LENGTH
     )
-    assert case.entry.sensors.length == pytest.approx(NOISE / np.sqrt(ROWS_PER_LENGTH))
+    assert case.muscle_toml.sensors.length == pytest.approx(NOISE / np.sqrt(ROWS_PER_LENGTH))
     # All samples at one length have the error of their mean.
-    assert case.entry.sensors.length_per_setting
+    assert case.muscle_toml.sensors.length_per_setting
 
 
 def test_moving_length_and_ruler_readings_are_unchanged():
@@ -52,7 +52,7 @@ def test_moving_length_and_ruler_readings_are_unchanged():
 def test_unstated_sensor_noise_stays_unstated():
     case = average_fixed_lengths(ramps(length=None))
     assert np.unique(case.recording.length).size == LENGTHS.size
-    assert case.entry.sensors.length is None
+    assert case.muscle_toml.sensors.length is None
 
 
 @pytest.mark.parametrize("travel", [1, 2, 5])

@@ -80,8 +80,8 @@ def test_simulated_muscle_meets_the_requirements(design, tmp_path):
     agree(force, [place["force"] for place in places], SOLVED * 100)
     wanted = np.array([place["wanted"] for place in places])
     assert (force >= wanted - KEPT * np.maximum(wanted, force.max())).all()
-    entry = load_muscle(tmp_path / "muscle").entry
-    assert entry.thread_length.value == pytest.approx(design.numbers["thread_length"])
+    muscle_toml = load_muscle(tmp_path / "muscle").muscle_toml
+    assert muscle_toml.thread_length.value == pytest.approx(design.numbers["thread_length"])
 
 
 @pytest.mark.slow

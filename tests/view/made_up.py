@@ -69,7 +69,7 @@ def diagnosis(
     measured = before + effect * detected + noise
     if not diameter:
         measured[1] = np.nan
-    entry = parse_muscle_toml(
+    muscle_toml = parse_muscle_toml(
         {
             "muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2},
             "sensors": {"force": "2 N", "diameter": "0.05 mm"},
@@ -82,7 +82,7 @@ def diagnosis(
     predictions = {id(models[0].estimate.values): before, id(models[1].estimate.values): after}
     problem = SimpleNamespace(
         settings=DEFAULT_SETTINGS,
-        case=Case("bench", Path("lab") / "my bench", entry, recording, "c0ffee"),
+        case=Case("bench", Path("lab") / "my bench", muscle_toml, recording, "c0ffee"),
         law="elastic",
         names=NAMES,
         meanings=tuple(find_meaning(name) for name in NAMES),

@@ -21,17 +21,17 @@ _KEY_SCHEMA = "pamjax.bank/1"
 
 def build_bank_case(bank_recording: BankRecording, name: str) -> Case:
     """Return the case of a recording, as it is read from its folder."""
-    return build_text_case(bank_recording.entry, bank_recording.recording, name)
+    return build_text_case(bank_recording.muscle_toml, bank_recording.recording, name)
 
 
 def _build_key_entry(bank_recording: BankRecording) -> dict[str, Any]:
     """Return what a recording conceals: effects with sizes, true braid and sensors, SI."""
     r, braid = bank_recording, bank_recording.braid
-    stated_sensors, true_sensors = r.entry.sensors, r.sensors
+    stated_sensors, true_sensors = r.muscle_toml.sensors, r.sensors
     channels = ("force", "diameter", "pressure", "length")
     return {
         "kind": r.kind,
-        "baseline": r.entry.baseline,
+        "baseline": r.muscle_toml.baseline,
         "rows": r.recording.n,
         "correlation": r.correlation,
         "misstated": r.misstated,
@@ -69,7 +69,7 @@ def write_bank(
     cases = {}
     for k, bank_recording in enumerate(bank_recordings):
         name = f"r-{k + 1:03d}"
-        write_case(folder / name, bank_recording.recording, build_muscle_text(bank_recording.entry))
+        write_case(folder / name, bank_recording.recording, build_muscle_text(bank_recording.muscle_toml))
         cases[name] = _build_key_entry(bank_recording) | (dict(notes[k]) if notes else {})
     key = folder / "key.json"
     with write_atomically(key) as temporary:

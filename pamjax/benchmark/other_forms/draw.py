@@ -97,7 +97,7 @@ class BankRecording:
 
     Attributes:
         kind: key of `BANK_KINDS`.
-        entry: stated values, as in muscle.toml.
+        muscle_toml: stated values, as in muscle.toml.
         recording: the channels with noise.
         effects: concealed effects, mechanisms first.
         braid: true braid.
@@ -108,7 +108,7 @@ class BankRecording:
     """
 
     kind: str
-    entry: MuscleToml
+    muscle_toml: MuscleToml
     recording: Recording
     effects: tuple[ConcealedEffect, ...]
     braid: TrueBraid
@@ -121,7 +121,7 @@ class BankRecording:
     def sensor_ratios(self) -> dict[str, float]:
         """Return true over stated sd by channel."""
         return {
-            name: getattr(self.sensors, name) / getattr(self.entry.sensors, name)
+            name: getattr(self.sensors, name) / getattr(self.muscle_toml.sensors, name)
             for name in ("force", "diameter", "pressure", "length")
         }
 
@@ -154,11 +154,11 @@ def draw_bank_recording(
     for _ in range(_MAX_RECORDING_DRAWS):
         drawn = setup or draw_setup(rng)
         plan, block = _build_plan(drawn.plan), find_blocks(drawn.plan).label
-        sensors, misstated = _draw_sensors(drawn.entry.sensors, rng)
-        braid = _draw_braid(drawn.entry, rng)
+        sensors, misstated = _draw_sensors(drawn.muscle_toml.sensors, rng)
+        braid = _draw_braid(drawn.muscle_toml, rng)
         scales = build_scales(braid, plan, block, rng)
         baseline = BaselineFit(
-            braid, plan, sensors, _get_prior_sd(drawn.entry), np.isfinite(drawn.plan.diameter)
+            braid, plan, sensors, _get_prior_sd(drawn.muscle_toml), np.isfinite(drawn.plan.diameter)
         )
         slots = _draw_slots(kind, baseline, scales, rng)
         if slots is None or not _scale_together(baseline, slots):
@@ -166,21 +166,29 @@ def draw_bank_recording(
         effects = [slot.effect for slot in slots]
         clean = baseline.simulate(effects)
         recording = _record(drawn.plan, baseline, effects, sensors, correlation, rng)
-        entry = drawn.entry
-        if entry.baseline == "inelastic":
-            entry = dataclasses.replace(entry, stiffness=None)
-        if not _is_readable(entry, recording):
+        muscle_toml = drawn.muscle_toml
+        if muscle_toml.baseline == "inelastic":
+            muscle_toml = dataclasses.replace(muscle_toml, stiffness=None)
+        if not _is_readable(muscle_toml, recording):
             continue
         return BankRecording(
-            kind, entry, recording, _describe(baseline, slots), braid, sensors, misstated, correlation, clean
+            kind,
+            muscle_toml,
+            recording,
+            _describe(baseline, slots),
+            braid,
+            sensors,
+            misstated,
+            correlation,
+            clean,
         )
     raise RuntimeError(f"no recording of kind {kind} in {_MAX_RECORDING_DRAWS} draws")
 
 
-def _is_readable(entry: MuscleToml, recording: Recording) -> bool:
+def _is_readable(muscle_toml: MuscleToml, recording: Recording) -> bool:
     """Return whether pamjax accepts the recording; it refuses a pressure far below zero."""
     try:
-        build_text_case(entry, recording, "drawn")
+        build_text_case(muscle_toml, recording, "drawn")
     except BadInput:
         return False
     return True
@@ -202,14 +210,14 @@ def _draw_sensors(stated_sensors: Sensors, rng: np.random.Generator) -> tuple[Se
     return dataclasses.replace(stated_sensors, **ratios), True
 
 
-def _draw_braid(entry: MuscleToml, rng: np.random.Generator) -> TrueBraid:
+def _draw_braid(muscle_toml: MuscleToml, rng: np.random.Generator) -> TrueBraid:
     """Draw the true braid around its stated values."""
-    assert entry.thread_length is not None
-    assert entry.turns is not None
-    thread, turns = _draw_value(entry.thread_length, rng), _draw_value(entry.turns, rng)
-    stiffness = _draw_value(entry.stiffness, rng) if entry.stiffness else math.inf
-    is_elastic = entry.baseline == "elastic"
-    return TrueBraid(entry.rest_length.value, thread, turns, 1 / stiffness if is_elastic else 0.0)
+    assert muscle_toml.thread_length is not None
+    assert muscle_toml.turns is not None
+    thread, turns = _draw_value(muscle_toml.thread_length, rng), _draw_value(muscle_toml.turns, rng)
+    stiffness = _draw_value(muscle_toml.stiffness, rng) if muscle_toml.stiffness else math.inf
+    is_elastic = muscle_toml.baseline == "elastic"
+    return TrueBraid(muscle_toml.rest_length.value, thread, turns, 1 / stiffness if is_elastic else 0.0)
 
 
 def _draw_value(stated_value: MeasuredValue, rng: np.random.Generator) -> float:
@@ -217,10 +225,14 @@ def _draw_value(stated_value: MeasuredValue, rng: np.random.Generator) -> float:
     return stated_value.value + stated_value.sd * float(np.clip(rng.standard_normal(), -2, 2))
 
 
-def _get_prior_sd(entry: MuscleToml) -> tuple[float, float, float]:
-    assert entry.thread_length is not None
-    assert entry.turns is not None
-    return entry.thread_length.sd, entry.turns.sd, entry.stiffness.sd if entry.stiffness else 0.0
+def _get_prior_sd(muscle_toml: MuscleToml) -> tuple[float, float, float]:
+    assert muscle_toml.thread_length is not None
+    assert muscle_toml.turns is not None
+    return (
+        muscle_toml.thread_length.sd,
+        muscle_toml.turns.sd,
+        muscle_toml.stiffness.sd if muscle_toml.stiffness else 0.0,
+    )
 
 
 def _draw_slots(

@@ -56,8 +56,8 @@ def simulate(
     check_minimum("seed", seed, 0)
     loaded_muscle = load_muscle(muscle, law, case, parse_settings(with_ or ()))
     plan = read_protocol(protocol) if protocol else PAPER_PROTOCOL
-    schedule = plan.build_schedule(loaded_muscle.entry.rest_length.value)
-    check_set_channel(schedule, loaded_muscle.entry)
+    schedule = plan.build_schedule(loaded_muscle.muscle_toml.rest_length.value)
+    check_set_channel(schedule, loaded_muscle.muscle_toml)
     warnings = (
         list(describe_extrapolation(loaded_muscle.calibrated_range, schedule))
         if loaded_muscle.calibrated_range
@@ -69,7 +69,7 @@ def simulate(
         )
     for sentence in warnings:
         print(f"pamjax: warning: {sentence}", file=sys.stderr)
-    sensors = loaded_muscle.entry.sensors if noise else Sensors()
+    sensors = loaded_muscle.muscle_toml.sensors if noise else Sensors()
     noise_time = parse_quantity(correlation_time, "time", "--correlation-time")
     recording = simulate_recording(
         loaded_muscle.muscle,

@@ -40,14 +40,14 @@ class RecordingAxes:
 def build_axes(problem: LibraryProblem) -> RecordingAxes:
     """Return the coordinates by which a misfit is located."""
     recording = problem.case.recording
-    rest_length = problem.case.entry.rest_length.value
+    rest_length = problem.case.muscle_toml.rest_length.value
     time = recording.time if recording.time is not None else np.arange(problem.n, dtype=float)
     rate = np.asarray(problem.dataset.history.rate(problem.dataset.rows.length))[: problem.n]
     # Noise of the length must not count as motion: the residual contains the same noise.
     rate_noise = np.sqrt(np.sum(np.square(np.asarray(problem.dataset.history.rate_weights)), axis=1))[
         : problem.n
     ]
-    sensor = problem.case.entry.sensors
+    sensor = problem.case.muscle_toml.sensors
     noise = (
         0.0
         if sensor.length_per_setting

@@ -237,10 +237,10 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
         BadInput: if the baseline is not available, or if no sample can be compared.
     """
     case = average_fixed_lengths(case)
-    law = resolve_bench_law(case.entry.baseline, ())
+    law = resolve_bench_law(case.muscle_toml.baseline, ())
     ids = tuple(kind.id for kind in MECHANISMS)
     space, _ = build_joint_space([case], law, ())
-    priors = collect_stated_values(case.entry, law) | _read_mechanism_priors(case, law, ids)
+    priors = collect_stated_values(case.muscle_toml, law) | _read_mechanism_priors(case, law, ids)
     priors["bladder_elasticity.inner_diameter"] = _widen_size_prior(
         priors["bladder_elasticity.inner_diameter"], settings.fitted_size_sd_share
     )
@@ -258,7 +258,7 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
     neutral = np.array([v if m.neutral is None else m.neutral for v, m in zip(start, meanings, strict=True)])
     low, high = _compute_limits(names, meanings, start, prior_sd, is_baseline, settings)
     k = names.index("braid_friction.presliding")
-    low[k] = max(low[k], settings.min_presliding_noise_ratio * (case.entry.sensors.length or 0.0))
+    low[k] = max(low[k], settings.min_presliding_noise_ratio * (case.muscle_toml.sensors.length or 0.0))
     recording, size = case.recording, compute_program_rows(case.recording.n)
     if recording.time is not None:
         # Only a slip within the recording can be detected.
@@ -314,7 +314,7 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
 
 def _read_mechanism_priors(case: Case, law: str, ids: tuple[str, ...]) -> dict[str, MeasuredValue]:
     """Return the priors of the mechanisms' parameters, and of the thread compliance of an inelastic braid."""
-    priors = collect_mechanism_values(case.entry, ids)
+    priors = collect_mechanism_values(case.muscle_toml, ids)
     if law == "inelastic":
         priors[COMPLIANCE_PARAMETER] = _estimate_compliance(case)
     return priors
@@ -325,12 +325,14 @@ def _widen_size_prior(size: MeasuredValue, sd_share: float) -> MeasuredValue:
 
 
 def _estimate_compliance(case: Case) -> MeasuredValue:
-    entry = case.entry
-    if entry.stiffness is not None:
-        return MeasuredValue(1 / entry.stiffness.value, entry.stiffness.sd / entry.stiffness.value**2)
-    if entry.modulus is not None and entry.threads and entry.thread_area is not None:
-        stiffness = entry.modulus.value * entry.threads * entry.thread_area.value
-        return MeasuredValue(1 / stiffness, entry.modulus.sd / entry.modulus.value / stiffness)
+    muscle_toml = case.muscle_toml
+    if muscle_toml.stiffness is not None:
+        return MeasuredValue(
+            1 / muscle_toml.stiffness.value, muscle_toml.stiffness.sd / muscle_toml.stiffness.value**2
+        )
+    if muscle_toml.modulus is not None and muscle_toml.threads and muscle_toml.thread_area is not None:
+        stiffness = muscle_toml.modulus.value * muscle_toml.threads * muscle_toml.thread_area.value
+        return MeasuredValue(1 / stiffness, muscle_toml.modulus.sd / muscle_toml.modulus.value / stiffness)
     return MeasuredValue(1e-6, math.inf)
 
 

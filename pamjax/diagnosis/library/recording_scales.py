@@ -61,7 +61,7 @@ class RecordingScales:
         usable = recording.usable
         length, pressure = recording.length[usable], recording.pressure[usable]
         time = recording.time[usable] if recording.time is not None else np.arange(usable.sum(), dtype=float)
-        thread, turns = problem.case.entry.braid
+        thread, turns = problem.case.muscle_toml.braid
         load = float(np.nanmax(np.abs(pressure * length))) * thread / (2 * np.pi * turns**2)
         jumps = np.abs(np.diff(length))
         speed_ratio, speed = _compute_speeds(problem)
@@ -78,9 +78,9 @@ class RecordingScales:
             bore=float(problem.start[problem.index("bladder_elasticity.inner_diameter")]),
             fitting_bore=_compute_fitting_bore(problem),
             stated_compliance_sd=_compute_stated_compliance(problem),
-            rest_length=problem.case.entry.rest_length.value,
+            rest_length=problem.case.muscle_toml.rest_length.value,
             rest_angle_cosine=float(
-                np.sqrt(max(1 - (problem.case.entry.rest_length.value / thread) ** 2, 1e-3))
+                np.sqrt(max(1 - (problem.case.muscle_toml.rest_length.value / thread) ** 2, 1e-3))
             ),
             isometric=bool(np.mean(jumps > 1e-3 * np.ptp(length)) < 0.2) if length.size > 1 else True,
             speed_ratio=speed_ratio,
@@ -101,15 +101,15 @@ def _compute_speeds(problem: LibraryProblem) -> tuple[float, float]:
         return 1.0, 1e-3
     slow, fast = speed[np.searchsorted(distance, distance[-1] * np.array([0.1, 0.9]))]
     weights = np.median(np.linalg.norm(np.asarray(history.rate_weights)[: problem.n], axis=1))
-    noise = _NORMAL_QUANTILE_90 * (problem.case.entry.sensors.length or 0.0) * float(weights)
+    noise = _NORMAL_QUANTILE_90 * (problem.case.muscle_toml.sensors.length or 0.0) * float(weights)
     return float((fast - noise) / (slow + noise)), float(np.sqrt(slow * fast))
 
 
 def _compute_fitting_bore(problem: LibraryProblem) -> float:
     """Return the bore of a tube whose outer wall touches the braid at rest length, m."""
-    entry = problem.case.entry
-    thread, turns = entry.braid
-    outer_diameter = np.sqrt(max(thread**2 - entry.rest_length.value**2, 0.0)) / (np.pi * turns)
+    muscle_toml = problem.case.muscle_toml
+    thread, turns = muscle_toml.braid
+    outer_diameter = np.sqrt(max(thread**2 - muscle_toml.rest_length.value**2, 0.0)) / (np.pi * turns)
     return float(outer_diameter - 2 * problem.start[problem.index("bladder_elasticity.thickness")])
 
 

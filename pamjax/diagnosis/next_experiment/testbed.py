@@ -54,7 +54,7 @@ class SimulatedTestbed:
     @classmethod
     def from_fit(cls, problem: LibraryProblem, fit: CandidateFit) -> SimulatedTestbed:
         """Return the testbed of a recording and its fitted model."""
-        recording, sensors = problem.case.recording, problem.case.entry.sensors
+        recording, sensors = problem.case.recording, problem.case.muscle_toml.sensors
         step, duration = _read_clock(recording)
         channels = fit.noise.channels
         observed_sd = [CAMERA_SD_M if c is None else float(np.sqrt(np.mean(c.sd[r] ** 2))) for c, r in
@@ -84,7 +84,14 @@ class SimulatedTestbed:
             force=np.full(n, 1e3), diameter=np.where(schedule.diameter_measured, 1.0, np.nan),
         )  # fmt: skip
         case = Case(
-            problem.case.name, Path(), problem.case.entry, recording, "", (), "carry", problem.case.before
+            problem.case.name,
+            Path(),
+            problem.case.muscle_toml,
+            recording,
+            "",
+            (),
+            "carry",
+            problem.case.before,
         )
         rows = build_rows(case, size)
         rows = dataclasses.replace(rows, length_setting=jnp.zeros_like(rows.length_setting))
@@ -104,7 +111,7 @@ class SimulatedTestbed:
     def build_noise(self, problem: LibraryProblem, values: np.ndarray, is_measured: np.ndarray) -> NoiseModel:
         """Return the noise model of a protocol for the samples in `is_measured`, (2, n)."""
         sd = compute_effective_sd(
-            problem.dataset, jnp.asarray(values), problem.case.entry.sensors, self.sensor_sd
+            problem.dataset, jnp.asarray(values), problem.case.muscle_toml.sensors, self.sensor_sd
         )[:, : problem.n]
         sd = self.sd_inflation * np.nan_to_num(sd, nan=1e30)
         step, _ = _read_clock(problem.case.recording)
@@ -136,7 +143,7 @@ def _estimate_rig_limits(
     recording: Recording, case: Case, sensor_sd, step: float, duration: float
 ) -> RigLimits:
     good = recording.usable
-    rest_length, sensors = case.entry.rest_length.value, case.entry.sensors
+    rest_length, sensors = case.muscle_toml.rest_length.value, case.muscle_toml.sensors
     length = recording.length[good]
     speed = np.abs(np.diff(length)) / step
     moving = speed[speed > 0.2 * np.max(speed, initial=0.0)]

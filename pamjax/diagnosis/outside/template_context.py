@@ -36,7 +36,7 @@ def build_template_context(
         time=None if recording.time is None else recording.time - recording.time[0],
         pressure=recording.pressure,
         length=length,
-        rest_length=problem.case.entry.rest_length.value,
+        rest_length=problem.case.muscle_toml.rest_length.value,
         force=problem.measured[0],
         blocks=blocks,
         prediction=problem.predict(values),

@@ -42,7 +42,7 @@ class CaseSummary(NotebookNote):
         lines += [f"  {self._format_blocks()}", ""]
         width = max((len(d.name) for d in self.parameters), default=0)
         lines += [f"  {self._format_parameter(d, max(width, 22))}" for d in self.parameters]
-        notes = describe_unused_bladder(self.case.entry, self.mechanisms)
+        notes = describe_unused_bladder(self.case.muscle_toml, self.mechanisms)
         return "\n".join([*lines, "", *self.sentences, *notes, "The case can be fitted."])
 
     def as_dict(self) -> dict[str, Any]:

@@ -88,7 +88,7 @@ def check_identifiability(
             print(parameter.name, parameter.expected_sd)  # SI
     """
     case = ensure_case(case)
-    law = law or case.entry.baseline
+    law = law or case.muscle_toml.baseline
     if mechanisms:
         check_exclusive_pairs(mechanisms)
         law = resolve_bench_law(law, mechanisms)

@@ -25,7 +25,7 @@ def choose_law(cases: Sequence[Case], law: str | None) -> str:
             raise BadInput.from_rule(
                 "cases that are fitted together need different names", f"{name!r} twice", "", remedy
             )
-    laws = sorted({law or case.entry.baseline for case in cases})
+    laws = sorted({law or case.muscle_toml.baseline for case in cases})
     if len(laws) > 1:
         raise BadInput.from_rule(
             "cases that are fitted together share one thread law",

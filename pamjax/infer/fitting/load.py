@@ -31,7 +31,7 @@ class LoadedMuscle:
 
     Attributes:
         muscle: the muscle; a `Bench` if it has mechanisms.
-        entry: its muscle.toml.
+        muscle_toml: the contents of its muscle.toml.
         text: the text of its muscle.toml.
         calibrated_range: lowest and highest calibrated "pressure" (Pa) and "length" (m); empty if it was
             not calibrated.
@@ -40,7 +40,7 @@ class LoadedMuscle:
     """
 
     muscle: Muscle | Bench
-    entry: MuscleToml
+    muscle_toml: MuscleToml
     text: str
     calibrated_range: dict[str, tuple[float, float]]
     law: str
@@ -51,7 +51,7 @@ class LoadedMuscle:
     @property
     def neglects_rubber(self) -> bool:
         """Return whether muscle.toml states a rubber modulus that the muscle does not use."""
-        bladder = self.entry.bladder
+        bladder = self.muscle_toml.bladder
         return (
             bladder is not None
             and bladder.modulus is not None
@@ -97,15 +97,15 @@ def load_muscle(
         raise BadInput.from_rule("`case` needs a fit.json", str(source), remedy="Omit `case`.")
     file = source / MUSCLE_FILE if source.is_dir() else source
     raw = read_bytes(file)
-    entry = read_muscle_toml(raw, file.name)
-    law = law or entry.baseline
-    numbers = {name: jnp.asarray(m.value) for name, m in collect_stated_values(entry, law).items()}
-    tube_sizes = {name: jnp.asarray(m.value) for name, m in estimate_tube_sizes(entry).items()}
+    muscle_toml = read_muscle_toml(raw, file.name)
+    law = law or muscle_toml.baseline
+    numbers = {name: jnp.asarray(m.value) for name, m in collect_stated_values(muscle_toml, law).items()}
+    tube_sizes = {name: jnp.asarray(m.value) for name, m in estimate_tube_sizes(muscle_toml).items()}
     parts = _add_mechanisms(law, (), numbers, tube_sizes, settings or {})
     recording = source / RECORDING_FILE if source.is_dir() else None
     has_recording = recording is not None and recording.exists()
     checksum = hashlib.sha256(read_bytes(recording) + raw).hexdigest() if recording and has_recording else ""
-    return LoadedMuscle(build_muscle(*parts), entry, raw.decode("utf-8-sig"), {}, *parts, checksum)
+    return LoadedMuscle(build_muscle(*parts), muscle_toml, raw.decode("utf-8-sig"), {}, *parts, checksum)
 
 
 def build_muscle(law: str, ids: tuple[str, ...], numbers: Mapping[str, Array]) -> Muscle | Bench:
@@ -191,8 +191,8 @@ def _load_case_entry(
         key: jnp.asarray(_check_number(key, value, file.name))
         for key, value in case_entry["muscle"]["numbers"].items()
     }
-    entry = read_muscle_toml(case_entry["muscle_toml"].encode(), "muscle.toml")
-    tube_sizes = {key: jnp.asarray(m.value) for key, m in estimate_tube_sizes(entry).items()}
+    muscle_toml = read_muscle_toml(case_entry["muscle_toml"].encode(), "muscle.toml")
+    tube_sizes = {key: jnp.asarray(m.value) for key, m in estimate_tube_sizes(muscle_toml).items()}
     muscle = case_entry["muscle"]
     parts = _add_mechanisms(muscle["law"], muscle["mechanisms"], numbers, tube_sizes, settings)
     ranges = {
@@ -203,5 +203,10 @@ def _load_case_entry(
         for key, ends in case_entry["calibrated"].items()
     }
     return LoadedMuscle(
-        build_muscle(*parts), entry, case_entry["muscle_toml"], ranges, *parts, case_entry.get("checksum", "")
+        build_muscle(*parts),
+        muscle_toml,
+        case_entry["muscle_toml"],
+        ranges,
+        *parts,
+        case_entry.get("checksum", ""),
     )

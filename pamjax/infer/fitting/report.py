@@ -40,7 +40,7 @@ def format_fit_note(fit: Fit) -> str:
     lines = [_format_title(fit), "", *_format_estimates(fit), "", *format_correlations(fit)]
     for case_fit in fit.cases:
         lines += ["", *_format_case(case_fit, len(fit.cases) > 1)]
-        unused_entries = describe_unused_bladder(case_fit.case.entry, fit.mechanisms)
+        unused_entries = describe_unused_bladder(case_fit.case.muscle_toml, fit.mechanisms)
         lines += [f"  note: {note}" for note in unused_entries]
     if shortage := describe_fit_shortage(fit):
         lines += ["", f"  note: {shortage}"]
@@ -182,7 +182,7 @@ def _format_contraction_error(case_fit: CaseFit, rmse: float) -> str:
         case_fit: fit of an isotonic recording.
         rmse: rms error of the length, m.
     """
-    share = 100 * rmse / case_fit.case.entry.rest_length.value
+    share = 100 * rmse / case_fit.case.muscle_toml.rest_length.value
     return f"force is set and length is measured: an error of {share:.2g} % contraction"
 
 

@@ -63,7 +63,7 @@ def reweight_dataset(
     """
     if dataset.whitening is not None and not trust_sensors:
         return _whiten_dataset(case, dataset, space, solution, loss)
-    sensors, n = case.entry.sensors, case.recording.n
+    sensors, n = case.muscle_toml.sensors, case.recording.n
     sd = compute_effective_sd(dataset, space.to_values(solution.u), sensors, estimate_starting_sd(case))
     misfit = _compute_noise_residuals(dataset, space.to_values(solution.u))
     weights, channel_weights, noise = np.zeros_like(misfit), np.ones(2), {}

@@ -50,7 +50,7 @@ def compute_noise_variances(
         values: (p,) parameter values, SI.
         predict: both predicted channels of a dataset at these values, (2, n), for an isotonic recording.
     """
-    sensors, n = case.entry.sensors, case.recording.n
+    sensors, n = case.muscle_toml.sensors, case.recording.n
     own_variance = np.square(np.array(estimate_starting_sd(case)))[:, None]
     if case.recording.measures_length:
         predict = predict or (lambda d: predict_row_channels(d, jnp.asarray(values)))
@@ -91,7 +91,7 @@ def estimate_noise_model(
     sensor_variance, input_variance = variances
     # A removed row ends a run: the samples before and after it are not neighbours.
     run_number = np.cumsum(case.recording.is_run_start | np.diff(rows_in_use, prepend=rows_in_use[:1]))
-    sensors = case.entry.sensors
+    sensors = case.muscle_toml.sensors
     is_input_noise_unknown = sensors.pressure is None or (
         sensors.length is None and not sensors.length_per_setting and not case.recording.measures_length
     )

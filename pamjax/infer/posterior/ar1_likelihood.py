@@ -142,7 +142,7 @@ def build_noise_parameters(
         prefix: prefix of every name, such as "case/".
         first_index: index of the first noise parameter.
     """
-    sensors, n = case.entry.sensors, case.recording.n
+    sensors, n = case.muscle_toml.sensors, case.recording.n
     misfit = compute_si_residuals(dataset, values)
     model = None if dataset.whitening is None else estimate_noise_of_dataset(case, dataset, values)[0]
     propagated_sd = compute_effective_sd(dataset, values, sensors, (0.0, 0.0))

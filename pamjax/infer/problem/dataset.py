@@ -183,7 +183,9 @@ def build_dataset(
     """
     free = [n.name for n in list_free_parameters(case, law, mechanisms)]
     indices = {name: space.names.index(space_names.get(name, name)) for name in free}
-    stated_values = collect_stated_values(case.entry, law) | collect_mechanism_values(case.entry, mechanisms)
+    stated_values = collect_stated_values(case.muscle_toml, law) | collect_mechanism_values(
+        case.muscle_toml, mechanisms
+    )
     return Dataset(
         law=law,
         mechanisms=tuple(mechanisms),
@@ -251,7 +253,7 @@ def find_slack_samples(case: Case) -> np.ndarray:
     """
     if case.recording.measures_length:
         return np.zeros(case.recording.n, dtype=bool)
-    recording, sd = case.recording, case.entry.sensors.force
+    recording, sd = case.recording, case.muscle_toml.sensors.force
     top = np.nanmax(np.abs(recording.force[recording.usable]), initial=0.0)
     force = pd.Series(np.where(recording.usable, recording.force, np.nan))
     # The rows of a static table have no order, and so no neighbours.
@@ -275,14 +277,16 @@ def find_informative_samples(case: Case, channel: str) -> np.ndarray:
     if case.recording.measures_length:
         pressure = case.recording.pressure
         threshold = _MIN_INFLATED_SHARE * np.nanmax(pressure[case.recording.usable], initial=0.0)
-        noise = _MIN_PRESSURE_SD * (case.entry.sensors.pressure or 0.0)
+        noise = _MIN_PRESSURE_SD * (case.muscle_toml.sensors.pressure or 0.0)
         return informative & np.isfinite(case.recording.force) & (pressure > max(threshold, noise))
     if find_blocks(case.recording).kind != "lengths":
         return informative
     informative = informative & ~find_slack_samples(case)
     if channel == "force":
         return informative
-    return informative & (case.recording.pressure > _MIN_PRESSURE_SD * (case.entry.sensors.pressure or 0.0))
+    return informative & (
+        case.recording.pressure > _MIN_PRESSURE_SD * (case.muscle_toml.sensors.pressure or 0.0)
+    )
 
 
 def count_informative_samples(case: Case) -> int:
@@ -316,7 +320,7 @@ def build_rows(case: Case, size: int | None = None) -> PaddedRows:
     force, force_weight = channel(recording.model_channels[0], force_sd)
     diameter, diameter_weight = channel("diameter", diameter_sd)
     pressure = np.where(usable, recording.pressure, 0.0)
-    length = np.where(usable, recording.length, case.entry.rest_length.value)
+    length = np.where(usable, recording.length, case.muscle_toml.rest_length.value)
     return PaddedRows(
         # The last state is repeated, because a model with memory may run through the recording twice.
         pressure=pad(pressure, pressure[-1]),
@@ -347,7 +351,7 @@ def estimate_starting_sd(case: Case) -> tuple[float, float]:
 
 def get_stated_sds(case: Case) -> tuple[float | None, float | None]:
     """Return the stated noise of force, or of a measured length, and of diameter, SI; None if not stated."""
-    sensors = case.entry.sensors
+    sensors = case.muscle_toml.sensors
     return sensors.length if case.recording.measures_length else sensors.force, sensors.diameter
 
 

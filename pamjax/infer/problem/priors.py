@@ -40,24 +40,26 @@ def is_length_error(name: str) -> bool:
     return name.rpartition("/")[2].startswith(LENGTH_ERROR_PREFIX)
 
 
-def collect_stated_values(entry: MuscleToml, law: str) -> dict[str, MeasuredValue]:
+def collect_stated_values(muscle_toml: MuscleToml, law: str) -> dict[str, MeasuredValue]:
     """Return the values that muscle.toml states for the parameters of this law, SI."""
     values = {
-        "muscle.rest_length": entry.rest_length,
-        "muscle.thread_length": entry.thread_length,
-        "muscle.turns": entry.turns,
-        "muscle.braid_angle": entry.braid_angle,
-        "muscle.diameter": entry.diameter,
+        "muscle.rest_length": muscle_toml.rest_length,
+        "muscle.thread_length": muscle_toml.thread_length,
+        "muscle.turns": muscle_toml.turns,
+        "muscle.braid_angle": muscle_toml.braid_angle,
+        "muscle.diameter": muscle_toml.diameter,
     }
     if law != "inelastic":
-        if entry.modulus is not None:
+        if muscle_toml.modulus is not None:
             values |= {
-                "thread.modulus": entry.modulus,
-                "muscle.threads": MeasuredValue(float(entry.threads or 0), 0.0),
-                "muscle.thread_area": entry.thread_area,
+                "thread.modulus": muscle_toml.modulus,
+                "muscle.threads": MeasuredValue(float(muscle_toml.threads or 0), 0.0),
+                "muscle.thread_area": muscle_toml.thread_area,
             }
         else:
-            values["thread.stiffness"] = entry.stiffness or MeasuredValue(_guess_stiffness(entry), math.inf)
+            values["thread.stiffness"] = muscle_toml.stiffness or MeasuredValue(
+                _guess_stiffness(muscle_toml), math.inf
+            )
         values |= {
             name: MeasuredValue(_TOE_START[name], _TOE_SD.get(name, math.inf))
             for name in list_law_parameters(law)
@@ -65,9 +67,9 @@ def collect_stated_values(entry: MuscleToml, law: str) -> dict[str, MeasuredValu
     return {name: measured for name, measured in values.items() if measured is not None}
 
 
-def _guess_stiffness(entry: MuscleToml) -> float:
+def _guess_stiffness(muscle_toml: MuscleToml) -> float:
     """Return a starting value for unknown threads: stiff enough that the muscle is far from bursting."""
-    return 1e5 * (entry.rest_length.value / 0.2) ** 2
+    return 1e5 * (muscle_toml.rest_length.value / 0.2) ** 2
 
 
 def list_free_parameters(case: Case, law: str, mechanisms: Sequence[str] = ()) -> list[FreeParameter]:
@@ -75,11 +77,12 @@ def list_free_parameters(case: Case, law: str, mechanisms: Sequence[str] = ()) -
     parameters = [
         FreeParameter(name, find_meaning(name), m.value, m.sd)
         for name, m in (
-            collect_stated_values(case.entry, law) | collect_mechanism_values(case.entry, mechanisms)
+            collect_stated_values(case.muscle_toml, law)
+            | collect_mechanism_values(case.muscle_toml, mechanisms)
         ).items()
-        if m.sd > 0 and not _has_no_effect(name, case.entry)
+        if m.sd > 0 and not _has_no_effect(name, case.muscle_toml)
     ]
-    sensors = case.entry.sensors
+    sensors = case.muscle_toml.sensors
     if sensors.length_per_setting and sensors.length:
         count = int(find_length_settings(case.recording).max()) + 1
         error = replace(find_meaning(LENGTH_ERROR_PREFIX), low=-8 * sensors.length, high=8 * sensors.length)
@@ -89,9 +92,9 @@ def list_free_parameters(case: Case, law: str, mechanisms: Sequence[str] = ()) -
     return parameters
 
 
-def collect_mechanism_values(entry: MuscleToml, ids: Sequence[str]) -> dict[str, MeasuredValue]:
+def collect_mechanism_values(muscle_toml: MuscleToml, ids: Sequence[str]) -> dict[str, MeasuredValue]:
     """Return prior or starting values of the mechanisms' parameters, SI."""
-    stated_values = estimate_tube_sizes(entry) | _read_bladder_modulus(entry)
+    stated_values = estimate_tube_sizes(muscle_toml) | _read_bladder_modulus(muscle_toml)
     return {
         name: stated_values[name.rpartition(".")[2]]
         if name.rpartition(".")[2] in _TUBE_SIZES
@@ -100,18 +103,18 @@ def collect_mechanism_values(entry: MuscleToml, ids: Sequence[str]) -> dict[str,
     }
 
 
-def estimate_tube_sizes(entry: MuscleToml) -> dict[str, MeasuredValue]:
+def estimate_tube_sizes(muscle_toml: MuscleToml) -> dict[str, MeasuredValue]:
     """Return dimensions of the rubber tube and the fittings: stated values, or usual ones for the braid."""
-    thread, turns = entry.braid
-    rest_length = entry.rest_length.value
+    thread, turns = muscle_toml.braid
+    rest_length = muscle_toml.rest_length.value
     outer = math.sqrt(max(thread**2 - rest_length**2, 0.0)) / (math.pi * turns)
-    bladder = entry.bladder or Bladder()
+    bladder = muscle_toml.bladder or Bladder()
     sizes = {
         "inner_diameter": bladder.inner_diameter or MeasuredValue(_DEFAULT_BORE_SHARE * outer),
         "thickness": bladder.thickness or MeasuredValue(_DEFAULT_WALL_SHARE * outer),
         "length": MeasuredValue(rest_length),
     }
-    fitting = entry.fitting_diameter or MeasuredValue(outer, 0.1 * outer)
+    fitting = muscle_toml.fitting_diameter or MeasuredValue(outer, 0.1 * outer)
     # Thread width at which the threads just touch at rest, sin 2θ B / N: the starting value of a fit.
     touching = 2 * math.pi * rest_length * outer / thread
     sizes["braid_locking.width"] = MeasuredValue(touching, math.inf)
@@ -120,11 +123,11 @@ def estimate_tube_sizes(entry: MuscleToml) -> dict[str, MeasuredValue]:
     return sizes
 
 
-def _read_bladder_modulus(entry: MuscleToml) -> dict[str, MeasuredValue]:
+def _read_bladder_modulus(muscle_toml: MuscleToml) -> dict[str, MeasuredValue]:
     """Return the shear modulus of the rubber: a third of Young's modulus for incompressible rubber."""
-    if entry.bladder is None or entry.bladder.modulus is None:
+    if muscle_toml.bladder is None or muscle_toml.bladder.modulus is None:
         return {}
-    young = entry.bladder.modulus
+    young = muscle_toml.bladder.modulus
     return {"bladder_elasticity.modulus": MeasuredValue(young.value / 3, young.sd / 3)}
 
 
@@ -142,6 +145,6 @@ def _choose_start_value(meaning: Meaning, kind: type, field: str) -> MeasuredVal
     return MeasuredValue(min(max(default, meaning.low + margin), meaning.high - margin), math.inf)
 
 
-def _has_no_effect(name: str, entry: MuscleToml) -> bool:
+def _has_no_effect(name: str, muscle_toml: MuscleToml) -> bool:
     """Return whether a parameter has no effect: rest length, if the thread length is stated."""
-    return name == "muscle.rest_length" and entry.thread_length is not None
+    return name == "muscle.rest_length" and muscle_toml.thread_length is not None

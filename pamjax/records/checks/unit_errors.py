@@ -52,12 +52,12 @@ _ATMOSPHERIC_PRESSURE, _MAX_VENT_OFFSET, _MAX_START_OFFSET = 101.3e3, 4e3, 10e3
 _MAX_SLACK_SD = 4.0
 
 
-def check_units(recording: Recording, entry: MuscleToml, units: dict[str, str], file: str) -> list[str]:
+def check_units(recording: Recording, muscle_toml: MuscleToml, units: dict[str, str], file: str) -> list[str]:
     """Return warnings about unusual values; refuse a recording with implausible units.
 
     Args:
         recording: the recording, SI.
-        entry: contents of muscle.toml.
+        muscle_toml: contents of muscle.toml.
         units: unit in each column's header.
         file: name of the CSV file.
 
@@ -68,19 +68,21 @@ def check_units(recording: Recording, entry: MuscleToml, units: dict[str, str], 
         BadInput: with the probable unit error.
     """
     column_units = {**DISPLAY_UNIT, **units}
-    warnings = _check_length(recording, entry, column_units, file)
-    _check_diameter(recording, entry, column_units, file)
+    warnings = _check_length(recording, muscle_toml, column_units, file)
+    _check_diameter(recording, muscle_toml, column_units, file)
     if recording.measures_length:
         # A set force does not depend on the pressure.
         return warnings
-    _check_pull(recording, entry, column_units, file)
-    warnings += _check_force(recording, entry, column_units, file)
-    return warnings + _check_gauge(recording, entry, file)
+    _check_pull(recording, muscle_toml, column_units, file)
+    warnings += _check_force(recording, muscle_toml, column_units, file)
+    return warnings + _check_gauge(recording, muscle_toml, file)
 
 
-def _check_pull(recording: Recording, entry: MuscleToml, column_units: dict[str, str], file: str) -> None:
+def _check_pull(
+    recording: Recording, muscle_toml: MuscleToml, column_units: dict[str, str], file: str
+) -> None:
     """Refuse a recording without diameters whose forces are all noise: a slack muscle has no information."""
-    noise = entry.sensors.force
+    noise = muscle_toml.sensors.force
     force = recording.force[recording.usable & np.isfinite(recording.force)]
     if noise is None or not force.size or np.isfinite(recording.diameter).any():
         return
@@ -97,9 +99,9 @@ def _check_pull(recording: Recording, entry: MuscleToml, column_units: dict[str,
 
 
 def _check_length(
-    recording: Recording, entry: MuscleToml, column_units: dict[str, str], file: str
+    recording: Recording, muscle_toml: MuscleToml, column_units: dict[str, str], file: str
 ) -> list[str]:
-    rest_length, longest = entry.rest_length.value, float(np.nanmax(recording.length))
+    rest_length, longest = muscle_toml.rest_length.value, float(np.nanmax(recording.length))
     ratio = longest / rest_length
     got, at_rest = (
         format_quantity(longest, column_units["length"]),
@@ -125,11 +127,11 @@ def _check_length(
 
 
 def _check_force(
-    recording: Recording, entry: MuscleToml, column_units: dict[str, str], file: str
+    recording: Recording, muscle_toml: MuscleToml, column_units: dict[str, str], file: str
 ) -> list[str]:
-    ideal = recording.pressure * _compute_force_area(recording.length, entry)
+    ideal = recording.pressure * _compute_force_area(recording.length, muscle_toml)
     is_tested = np.isfinite(recording.force) & (ideal > 0)
-    near_rest = is_tested & (recording.length > _MIN_LENGTH_NEAR_REST * entry.rest_length.value)
+    near_rest = is_tested & (recording.length > _MIN_LENGTH_NEAR_REST * muscle_toml.rest_length.value)
     has_rows_near_rest = near_rest.sum() >= 3
     is_tested = near_rest if has_rows_near_rest else is_tested
     if is_tested.sum() < 3:
@@ -162,8 +164,10 @@ def _check_force(
     )
 
 
-def _check_diameter(recording: Recording, entry: MuscleToml, column_units: dict[str, str], file: str) -> None:
-    thread, turns = entry.braid
+def _check_diameter(
+    recording: Recording, muscle_toml: MuscleToml, column_units: dict[str, str], file: str
+) -> None:
+    thread, turns = muscle_toml.braid
     ideal = np.sqrt(np.maximum(thread**2 - recording.length**2, 0.0)) / (math.pi * turns)
     is_tested = np.isfinite(recording.diameter) & (ideal > 0)
     if not is_tested.any():
@@ -182,14 +186,14 @@ def _check_diameter(recording: Recording, entry: MuscleToml, column_units: dict[
     )
 
 
-def _check_gauge(recording: Recording, entry: MuscleToml, file: str) -> list[str]:
+def _check_gauge(recording: Recording, muscle_toml: MuscleToml, file: str) -> list[str]:
     """Return a warning if pressure may be absolute: near rest length, force is then zero at one atmosphere.
 
     Only rows near the rest length are used. There the rubber is not stretched, and does not reduce the force.
     """
-    area = _compute_force_area(recording.length, entry)
+    area = _compute_force_area(recording.length, muscle_toml)
     near_rest = np.isfinite(recording.force * recording.pressure) & (
-        recording.length > _MIN_LENGTH_NEAR_REST * entry.rest_length.value
+        recording.length > _MIN_LENGTH_NEAR_REST * muscle_toml.rest_length.value
     )
     near_rest &= area > 0
     pressure, force_pressure = recording.pressure[near_rest], recording.force[near_rest] / area[near_rest]
@@ -211,9 +215,9 @@ def _check_gauge(recording: Recording, entry: MuscleToml, file: str) -> list[str
     raise BadInput.from_rule("`pressure` must be gauge pressure", got, file, remedy)
 
 
-def _compute_force_area(length: np.ndarray, entry: MuscleToml) -> np.ndarray:
+def _compute_force_area(length: np.ndarray, muscle_toml: MuscleToml) -> np.ndarray:
     """Return the ratio of force to pressure of the ideal braid, (n,) m²."""
-    thread, turns = entry.braid
+    thread, turns = muscle_toml.braid
     return (3.0 * length**2 - thread**2) / (4.0 * math.pi * turns**2)
 
 

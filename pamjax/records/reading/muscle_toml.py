@@ -157,14 +157,14 @@ def parse_muscle_toml(document: MuscleDocument | Mapping[str, Any], file: str = 
     )
 
 
-def describe_unused_bladder(entry: MuscleToml, mechanisms: Iterable[str]) -> list[str]:
+def describe_unused_bladder(muscle_toml: MuscleToml, mechanisms: Iterable[str]) -> list[str]:
     """Return a note if muscle.toml states a rubber tube and the model has no rubber; else an empty list.
 
     Args:
-        entry: contents of muscle.toml.
+        muscle_toml: contents of muscle.toml.
         mechanisms: mechanisms of the model.
     """
-    if entry.bladder is None or "bladder_elasticity" in mechanisms:
+    if muscle_toml.bladder is None or "bladder_elasticity" in mechanisms:
         return []
     return [
         "The model has no rubber, so [bladder] is not used."

@@ -87,7 +87,7 @@ def plot_prediction(case_fit: CaseFit, narrow: bool = False) -> Figure:
 
 def _add_contraction_axis(panel: Axes, case: Case) -> None:
     """Add an axis of contraction in % to a panel whose vertical axis is the length in mm."""
-    rest_length = case.entry.rest_length.value / compute_si_factor(DISPLAY_UNIT["length"])
+    rest_length = case.muscle_toml.rest_length.value / compute_si_factor(DISPLAY_UNIT["length"])
 
     def convert_length(length):
         return 100 * (1 - length / rest_length)

@@ -58,7 +58,7 @@ def select_axes(case: Case) -> dict[str, np.ndarray]:
     """Return contraction, pressure and time in display units, (n,) each by label, if they vary."""
     recording = case.recording
     columns = {
-        "contraction [%]": 100 * (1 - recording.length / case.entry.rest_length.value),
+        "contraction [%]": 100 * (1 - recording.length / case.muscle_toml.rest_length.value),
         "pressure [kPa]": recording.pressure / 1e3,
         "time [s]": recording.time if recording.time is not None else np.zeros(recording.n),
     }

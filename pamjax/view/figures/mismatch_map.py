@@ -166,7 +166,7 @@ def _list_directions(
 def _select_axes(problem: LibraryProblem, coordinates: RecordingAxes) -> tuple[MapAxis, MapAxis]:
     """Return the first two of contraction, pressure and time that vary, x first."""
     time_label = "time [s]" if problem.case.recording.has_time else "row"
-    rest_length = problem.case.entry.rest_length.value
+    rest_length = problem.case.muscle_toml.rest_length.value
     # Combine all rows of a length setting in one cell, because length noise is not a stroke.
     contractions = 100 * (1 - find_levels(problem.case.recording.length)[::-1] / rest_length)
     all_axes = [

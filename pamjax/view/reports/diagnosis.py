@@ -57,7 +57,7 @@ def write_diagnosis_report(
         path,
         "diagnosis.html.jinja",
         title=format_headline(diagnosis),
-        muscle=diagnosis.problem.case.entry.name,
+        muscle=diagnosis.problem.case.muscle_toml.name,
         document=document,
         answers=list_answers(diagnosis),
         bars=list_held_out_bars(diagnosis),

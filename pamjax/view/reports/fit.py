@@ -190,7 +190,9 @@ def _describe_case(fit: Fit, case_fit: CaseFit, k: int) -> dict[str, Any]:
     has_several_cases = len(fit.cases) > 1
     return {
         "name": case_fit.case.name,
-        "heading": f"{case_fit.case.name}: {case_fit.case.entry.name}" if has_several_cases else "Residuals",
+        "heading": f"{case_fit.case.name}: {case_fit.case.muscle_toml.name}"
+        if has_several_cases
+        else "Residuals",
         "prediction": draw_picture(partial(figures.plot_prediction, case_fit), f"prediction-{k}"),
         "residual": draw_picture(partial(figures.plot_residual, case_fit), f"residual-{k}"),
         "held_out": draw_picture(partial(figures.plot_held_out, case_fit), f"held-out-{k}")
@@ -251,7 +253,7 @@ def _build_score_row(case_fit: CaseFit, channel: str) -> list[str]:
 
 def _format_noise_source(case_fit: CaseFit, channel: str) -> str:
     """Return the source of a channel's noise. The stated value excludes noise of pressure and length."""
-    stated = getattr(case_fit.case.entry.sensors, channel)
+    stated = getattr(case_fit.case.muscle_toml.sensors, channel)
     if not case_fit.noise[channel].stated or stated is None:
         return "stated" if case_fit.noise[channel].stated else "estimated"
     return (

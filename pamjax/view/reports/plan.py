@@ -40,7 +40,7 @@ def write_plan_report(
         path,
         "plan.html.jinja",
         title=format_headline(plan),
-        kicker=f"Plan for {plan.prior.entry.name} · {plan.prior.law} threads",
+        kicker=f"Plan for {plan.prior.muscle_toml.name} · {plan.prior.law} threads",
         answer=format_answer(plan),
         precision=build_picture(partial(plot_precision, plan, course), "precision"),
         has_single_channel=bool(plan.single_channel),

@@ -35,11 +35,11 @@ def build_bench(seed=2, law="inelastic"):
     """Return a muscle with strokes, its scales, and its baseline."""
     rng = np.random.default_rng(seed)
     setup = draw_setup(rng, rows=300, law=law)
-    plan, braid = _build_plan(setup.plan), _draw_braid(setup.entry, rng)
+    plan, braid = _build_plan(setup.plan), _draw_braid(setup.muscle_toml, rng)
     scales = build_scales(braid, plan, find_blocks(setup.plan).label, rng)
     assert not scales.is_isometric
     rows = np.isfinite(setup.plan.diameter)
-    return scales, BaselineFit(braid, plan, setup.entry.sensors, _get_prior_sd(setup.entry), rows)
+    return scales, BaselineFit(braid, plan, setup.muscle_toml.sensors, _get_prior_sd(setup.muscle_toml), rows)
 
 
 @pytest.fixture(scope="module")
@@ -147,5 +147,5 @@ def test_key_and_folders_have_what_was_injected(tmp_path):
     case = read_case(tmp_path / "bank" / "r-001")
     # The folder gives the recording that `pamjax prove` diagnoses, and nothing in it names an effect.
     assert case.checksum == build_bank_case(drawn[0], "r-001").checksum
-    assert case.entry.sensors.force == pytest.approx(drawn[0].entry.sensors.force, rel=1e-6)
+    assert case.muscle_toml.sensors.force == pytest.approx(drawn[0].muscle_toml.sensors.force, rel=1e-6)
     assert not any(effect.id in case.text for effect in drawn[0].effects)

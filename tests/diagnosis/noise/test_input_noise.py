@@ -72,8 +72,8 @@ class Delayed:
 def build_case(length_sd: float | None) -> Case:
     """Return a recording with time, and with this stated noise of its length, m."""
     case = build_plan_problem().case
-    sensors = dataclasses.replace(case.entry.sensors, pressure=None, length=length_sd)
-    return dataclasses.replace(case, entry=dataclasses.replace(case.entry, sensors=sensors))
+    sensors = dataclasses.replace(case.muscle_toml.sensors, pressure=None, length=length_sd)
+    return dataclasses.replace(case, muscle_toml=dataclasses.replace(case.muscle_toml, sensors=sensors))
 
 
 def spring(noise: float | None = NOISE) -> Any:

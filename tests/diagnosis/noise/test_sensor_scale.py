@@ -19,9 +19,9 @@ def build_problem(factor, with_swing=False):
     if with_swing:
         # Ten standard deviations, and smooth from sample to sample.
         force = force + 10 * FORCE_SD * np.sin(2 * np.pi * np.arange(problem.n) / problem.n)
-    entry = problem.case.entry
-    sensors = replace(entry.sensors, force=FORCE_SD, pressure=0.0, length=0.0)
-    case = replace(problem.case, entry=replace(entry, sensors=sensors))
+    muscle_toml = problem.case.muscle_toml
+    sensors = replace(muscle_toml.sensors, force=FORCE_SD, pressure=0.0, length=0.0)
+    case = replace(problem.case, muscle_toml=replace(muscle_toml, sensors=sensors))
     readings = np.stack([force, np.full(problem.n, np.nan)])
     return replace(replace_readings(problem, readings), case=case)
 
@@ -44,7 +44,7 @@ def test_note_names_the_channel_and_the_factor():
 
 def test_ratio_of_a_sensor_without_stated_noise_is_undefined():
     problem = build_problem(1.0)
-    entry = problem.case.entry
-    unstated = replace(entry, sensors=replace(entry.sensors, force=None))
-    problem = replace(problem, case=replace(problem.case, entry=unstated))
+    muscle_toml = problem.case.muscle_toml
+    unstated = replace(muscle_toml, sensors=replace(muscle_toml.sensors, force=None))
+    problem = replace(problem, case=replace(problem.case, muscle_toml=unstated))
     assert compute_noise_ratios(problem, problem.neutral) == {"force": None}

@@ -16,7 +16,7 @@ from tests.diagnosis.bank import UNMODELLED_FORCES, replace_readings, simulate_w
 def build_problem(with_obstacle):
     """Return readings with white noise, and with an obstacle that the model lacks; priors are narrow."""
     problem, rng = simulate_without_noise(), np.random.default_rng(6)
-    sensors = problem.case.entry.sensors
+    sensors = problem.case.muscle_toml.sensors
     sd = np.array([[sensors.force], [sensors.diameter]])
     measured = problem.measured + sd * rng.standard_normal((2, problem.n))
     if with_obstacle:

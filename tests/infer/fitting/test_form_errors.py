@@ -19,7 +19,7 @@ from pamjax.records.protocol import Protocol
 from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.records.simulate import simulate
 from tests.agreement import ROUNDING, agree
-from tests.infer.made import TRUE, entry
+from tests.infer.made import TRUE, build_muscle_toml
 
 SENSORS = Sensors(force=2.0)
 MECHANISM = "contact_pressure"
@@ -53,7 +53,7 @@ def build_case(share, seed=0):
     force = off.force + (on.force - off.force) * (1 + share * shape)
     noise = SENSORS.force * np.random.default_rng(seed).standard_normal(on.n)
     recording = dataclasses.replace(on, force=force + noise, diameter=np.full(on.n, np.nan))
-    return Case("made", Path("."), entry((0.0, 0.0, 0.0), SENSORS), recording, "")
+    return Case("made", Path("."), build_muscle_toml((0.0, 0.0, 0.0), SENSORS), recording, "")
 
 
 @cache

@@ -41,7 +41,7 @@ def test_refinements_of_a_mechanism_are_not_fitted_unless_a_diagnosis_asks():
     case, ids = made("elastic"), [kind.id for kind in MECHANISMS]
     free = {parameter.name for parameter in list_free_parameters(case, "elastic", ids)}
     assert {"force_drift.rate", "braid_locking.width"} <= free
-    stated = collect_mechanism_values(case.entry, ids)
+    stated = collect_mechanism_values(case.muscle_toml, ids)
     for name, (kind, field) in list_mechanism_parameters(ids).items():
         if find_meaning(name).is_refinement:
             assert name not in free
@@ -81,10 +81,10 @@ def test_sample_far_below_its_neighbours_is_slack():
         time=0.1 * np.arange(500),
     )
     case = replace(made(), recording=recording)
-    assert case.entry.sensors.force
+    assert case.muscle_toml.sensors.force
     assert find_slack_samples(case)[32::100].all()
-    unstated = replace(case.entry, sensors=replace(case.entry.sensors, force=None))
-    assert not find_slack_samples(replace(case, entry=unstated))[32::100].any()
+    unstated = replace(case.muscle_toml, sensors=replace(case.muscle_toml.sensors, force=None))
+    assert not find_slack_samples(replace(case, muscle_toml=unstated))[32::100].any()
 
 
 def test_diameter_without_pressure_is_ignored():
@@ -97,9 +97,9 @@ def test_diameter_without_pressure_is_ignored():
         diameter=np.full(up.size, 0.02),
         time=0.1 * np.arange(up.size),
     )
-    entry = made().entry
-    noisy = replace(entry, sensors=replace(entry.sensors, pressure=1e3))
-    case = replace(made(), recording=recording, entry=noisy)
+    muscle_toml = made().muscle_toml
+    noisy = replace(muscle_toml, sensors=replace(muscle_toml.sensors, pressure=1e3))
+    case = replace(made(), recording=recording, muscle_toml=noisy)
     assert find_blocks(recording).kind == "lengths"
     assert np.array_equal(
         find_informative_samples(case, "diameter"), (recording.pressure > 3e3) & ~find_slack_samples(case)

@@ -37,24 +37,26 @@ def read_error(text):
 
 
 def test_a_counted_braid():
-    entry = read(MUSCLE + 'threads = 144\nthread_area = "0.0858 mm^2"\n[thread]\nmodulus = "112 GPa"\n')
-    assert entry.name == "test muscle"
-    assert entry.rest_length == MeasuredValue(pytest.approx(0.2, rel=1e-12), 0.0)
-    assert entry.thread_length == MeasuredValue(
+    muscle_toml = read(MUSCLE + 'threads = 144\nthread_area = "0.0858 mm^2"\n[thread]\nmodulus = "112 GPa"\n')
+    assert muscle_toml.name == "test muscle"
+    assert muscle_toml.rest_length == MeasuredValue(pytest.approx(0.2, rel=1e-12), 0.0)
+    assert muscle_toml.thread_length == MeasuredValue(
         pytest.approx(0.214, rel=1e-12), pytest.approx(5e-4, rel=1e-12)
     )
-    assert entry.turns == MeasuredValue(1.2, 0.0)
-    assert entry.threads == 144
-    assert entry.thread_area == MeasuredValue(pytest.approx(8.58e-8, rel=1e-12))
-    assert entry.modulus == MeasuredValue(pytest.approx(112e9, rel=1e-12))
-    assert (entry.braid_angle, entry.diameter, entry.stiffness, entry.bladder) == (None,) * 4
-    assert entry.sensors == Sensors()
-    assert entry.braid == (pytest.approx(0.214, rel=1e-12), 1.2)
+    assert muscle_toml.turns == MeasuredValue(1.2, 0.0)
+    assert muscle_toml.threads == 144
+    assert muscle_toml.thread_area == MeasuredValue(pytest.approx(8.58e-8, rel=1e-12))
+    assert muscle_toml.modulus == MeasuredValue(pytest.approx(112e9, rel=1e-12))
+    assert (muscle_toml.braid_angle, muscle_toml.diameter, muscle_toml.stiffness, muscle_toml.bladder) == (
+        None,
+    ) * 4
+    assert muscle_toml.sensors == Sensors()
+    assert muscle_toml.braid == (pytest.approx(0.214, rel=1e-12), 1.2)
 
 
 def test_the_two_forms_of_the_braid_determine_each_other():
-    entry = read(ANGLED)
-    thread_length, turns = entry.braid
+    muscle_toml = read(ANGLED)
+    thread_length, turns = muscle_toml.braid
     assert thread_length * math.sin(math.radians(61.4)) == pytest.approx(0.132, rel=1e-12)
     radius = math.sqrt(thread_length**2 - 0.132**2) / (2 * math.pi * turns)
     assert 2 * radius == pytest.approx(0.0118, rel=1e-12)
@@ -84,21 +86,21 @@ def test_baseline_table_defines_the_baseline_model(thread, stated, expected):
 
 
 def test_bladder_sensors_and_columns():
-    entry = read(
+    muscle_toml = read(
         MUSCLE
         + '[bladder]\ninner_diameter = "19 mm"\nmodulus = {value = "1.2 MPa", sd = "0.3 MPa"}\n'
         + '[sensors]\nforce = "2 N"\npressure = {sd = "0.7 kPa"}\nlength = {sd = "1 mm", per = "setting"}\n'
         + '[columns]\nforce = "Load (lbf)"\n'
     )
-    assert entry.bladder == Bladder(MeasuredValue(0.019), None, MeasuredValue(1.2e6, 0.3e6))
-    assert entry.sensors == Sensors(force=2.0, pressure=700.0, length=1e-3, length_per_setting=True)
-    assert entry.columns == {"force": "Load (lbf)"}
+    assert muscle_toml.bladder == Bladder(MeasuredValue(0.019), None, MeasuredValue(1.2e6, 0.3e6))
+    assert muscle_toml.sensors == Sensors(force=2.0, pressure=700.0, length=1e-3, length_per_setting=True)
+    assert muscle_toml.columns == {"force": "Load (lbf)"}
 
 
 def test_single_length_is_also_the_rest_length():
-    entry = read(MUSCLE.replace("rest_length", "length"))
-    assert entry.length == pytest.approx(0.2, rel=1e-12)
-    assert entry.rest_length == MeasuredValue(pytest.approx(0.2, rel=1e-12))
+    muscle_toml = read(MUSCLE.replace("rest_length", "length"))
+    assert muscle_toml.length == pytest.approx(0.2, rel=1e-12)
+    assert muscle_toml.rest_length == MeasuredValue(pytest.approx(0.2, rel=1e-12))
 
 
 def test_mapping_is_accepted():
@@ -265,9 +267,11 @@ COUNTED_BRAID = {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.
 
 
 def test_measured_length_is_read():
-    entry = parse_muscle_toml({"muscle": COUNTED_BRAID, "test": {"measured": "length", "load": "2 kgf"}})
-    assert entry.measures_length
-    assert entry.load == pytest.approx(19.6133)
+    muscle_toml = parse_muscle_toml(
+        {"muscle": COUNTED_BRAID, "test": {"measured": "length", "load": "2 kgf"}}
+    )
+    assert muscle_toml.measures_length
+    assert muscle_toml.load == pytest.approx(19.6133)
     assert not parse_muscle_toml({"muscle": COUNTED_BRAID}).measures_length
 
 
@@ -294,9 +298,9 @@ def test_unused_bladder_is_reported():
         "The model has no rubber, so [bladder] is not used."
         " `pamjax fit --with bladder_elasticity` adds rubber."
     )
-    entry = read(MUSCLE + '[bladder]\nmodulus = "1 MPa"\n')
-    assert describe_unused_bladder(entry, ()) == [note]
-    assert describe_unused_bladder(entry, ("bladder_elasticity",)) == []
+    muscle_toml = read(MUSCLE + '[bladder]\nmodulus = "1 MPa"\n')
+    assert describe_unused_bladder(muscle_toml, ()) == [note]
+    assert describe_unused_bladder(muscle_toml, ("bladder_elasticity",)) == []
     assert describe_unused_bladder(read(MUSCLE), ()) == []
 
 

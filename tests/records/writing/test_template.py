@@ -18,7 +18,7 @@ def test_template_is_a_valid_case(tmp_path):
     case = read_case(tmp_path / "new")
     assert case.warnings == ()
     assert case.recording.channels == ("force", "diameter")
-    assert case.entry.baseline == "elastic"
+    assert case.muscle_toml.baseline == "elastic"
 
 
 def test_template_is_marked_as_an_example(tmp_path):
@@ -36,11 +36,11 @@ def test_every_entry_is_explained(tmp_path):
 
 def test_both_forms_of_the_braid_agree(tmp_path):
     text = write_template(tmp_path / "new")[1].read_text()
-    entry = read_muscle_toml(text.encode())
+    muscle_toml = read_muscle_toml(text.encode())
     other = re.sub(r"^(thread_length|turns) =", r"# \1 =", text, flags=re.MULTILINE)
     other = re.sub(r"^# (braid_angle|diameter) = {", r"\1 = {", other, flags=re.MULTILINE)
     assert "braid_angle" in tomllib.loads(other)["muscle"]
-    assert read_muscle_toml(other.encode()).braid == pytest.approx(entry.braid, rel=5e-3)
+    assert read_muscle_toml(other.encode()).braid == pytest.approx(muscle_toml.braid, rel=5e-3)
 
 
 @pytest.mark.parametrize("name", ["recording.csv", "muscle.toml"])

@@ -40,12 +40,14 @@ def made_up_fit(pressure, length, time=None, channels=("force", "diameter"), mis
     prediction = {c: np.asarray(getattr(reading, c)) for c in SD}
     n = len(pressure)
     measured = {c: prediction[c] + SD[c] * (miss + draw) for c in channels}
-    entry = parse_muscle_toml({"muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}})
+    muscle_toml = parse_muscle_toml(
+        {"muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}}
+    )
     recording = Recording.from_arrays(pressure=pressure, length=length, time=time, **measured)
     blocks = find_blocks(recording)
     rmse = {c: float(np.sqrt(np.mean((measured[c] - prediction[c]) ** 2))) for c in channels}
     return CaseFit(
-        case=Case("bench", Path(), entry, recording, ""),
+        case=Case("bench", Path(), muscle_toml, recording, ""),
         numbers={},
         muscle=MUSCLE,
         prediction=prediction,

@@ -112,7 +112,7 @@ def test_report_agrees_with_the_result(page):
 def test_noise_is_split_into_stated_and_added_noise(page):
     noise = "Noise of force is 2 N per row, as stated in muscle.toml."
     assert f"{noise} The autocorrelation of adjacent rows is 0.30." in page.text
-    case = SimpleNamespace(entry=SimpleNamespace(sensors=Sensors(force=2.0)))
+    case = SimpleNamespace(muscle_toml=SimpleNamespace(sensors=Sensors(force=2.0)))
     sentence = format_noise(case, "force", 3.18)
     assert sentence.startswith(
         "Noise of force is 3.18 N per row. Stated in muscle.toml: 2 N; the difference is due to the noise"
@@ -341,7 +341,7 @@ def test_names_are_shown_as_text(tmp_path):
         case,
         name=HOSTILE_NAME,
         folder=Path("lab") / HOSTILE_NAME,
-        entry=replace(case.entry, name=HOSTILE_NAME),
+        muscle_toml=replace(case.muscle_toml, name=HOSTILE_NAME),
         warnings=(HOSTILE_NAME,),
     )
     page = Page(write_diagnosis_report(hostile, tmp_path / "report.html").read_text("utf-8"))

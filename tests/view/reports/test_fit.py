@@ -43,8 +43,8 @@ def test_summary_has_every_channel_with_its_noise():
 
 def test_noise_is_compared_with_the_stated_noise():
     case_fit = strokes()
-    entry = replace(case_fit.case.entry, sensors=Sensors(force=1.2, diameter=5e-5))
-    case_fit = replace(case_fit, case=replace(case_fit.case, entry=entry))
+    muscle_toml = replace(case_fit.case.muscle_toml, sensors=Sensors(force=1.2, diameter=5e-5))
+    case_fit = replace(case_fit, case=replace(case_fit.case, muscle_toml=muscle_toml))
     assert [_build_score_row(case_fit, channel)[3] for channel in ("force", "diameter")] == [
         "2 N, 1.2 N stated",
         "0.05 mm, stated",
