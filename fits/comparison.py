@@ -11,7 +11,7 @@ because the muscle may be slack.
 | rest length held out    | all but the longest length                | the longest length                   |
 
 The braid has the priors of muscle.toml and the sample weights of its fit; the formulas have no priors.
-Gaylord's law is the braid with inextensible threads, without priors. The error of a held-out length setting
+Gaylord's law is the braid with inextensible threads, without priors. The error of a held-out length level
 has its prior mean, zero.
 """
 
@@ -34,7 +34,7 @@ from pamjax.infer.problem.dataset import MAX_SLACK_FORCE_SHARE, predict_rows
 from pamjax.records.case import Case
 from pamjax.records.levels import assign_levels, find_levels
 
-#: Fewer settings than this leave no inner one.
+#: Fewer levels than this leave no inner one.
 ENOUGH = 3
 
 #: Thread laws of the compared braids, if no fits are passed.
@@ -119,7 +119,7 @@ class Comparison:
 
 
 def compare(case: Case, fits: Sequence[Fit] = ()) -> Comparison:
-    """Return the errors of the braid and the formulas on one case, in sample and on held-out settings.
+    """Return the errors of the braid and the formulas on one case, in sample and on held-out levels.
 
     Args:
         case: a case with a measured force.
@@ -166,10 +166,10 @@ def list_splits(case: Case, rows: np.ndarray) -> list[Split]:
     ):
         levels = find_levels(channel)
         label = np.where(rows, assign_levels(channel, levels), -1)
-        settings = np.unique(label[label >= 0])
-        if len(settings) >= ENOUGH:
-            between = tuple(label == k for k in settings[1:-1])
-            last = label == settings[-1]
+        level_indices = np.unique(label[label >= 0])
+        if len(level_indices) >= ENOUGH:
+            between = tuple(label == k for k in level_indices[1:-1])
+            last = label == level_indices[-1]
             all_splits.append(Split(f"{inner} held out", between, tuple(rows & ~out for out in between)))
             all_splits.append(Split(f"{outer} held out", (last,), (rows & ~last,)))
             break

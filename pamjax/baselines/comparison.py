@@ -52,8 +52,8 @@ MODEL_TITLES = {
     GAUSSIAN_PROCESS_MODEL: "Gaussian process",
 }
 
-#: Smallest number of settings for a test of extrapolation.
-_MIN_SETTINGS_FOR_EXTRAPOLATION = 3
+#: Smallest number of levels for a test of extrapolation.
+_MIN_LEVELS_FOR_EXTRAPOLATION = 3
 #: Smallest number of samples for a Gaussian process.
 _MIN_GP_SAMPLES = 3
 #: Share of the range of lengths that is held out if the recording has no separate settings.
@@ -184,9 +184,9 @@ def find_extrapolation_rows(problem: LibraryProblem) -> tuple[np.ndarray, str]:
         label = np.where(
             measured_rows, assign_levels(channel, levels := find_levels(channel, recording.has_time)), -1
         )
-        settings = np.unique(label[label >= 0])
-        if settings.size >= _MIN_SETTINGS_FOR_EXTRAPOLATION:
-            last = end(settings.tolist())
+        level_indices = np.unique(label[label >= 0])
+        if level_indices.size >= _MIN_LEVELS_FOR_EXTRAPOLATION:
+            last = end(level_indices.tolist())
             kind = "the highest isobar" if unit == "kPa" else "the most contracted length"
             return label == last, f"{kind}, {format_quantity(float(levels[last]), unit, 3)}"
     low, high = (

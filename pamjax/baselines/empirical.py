@@ -132,10 +132,10 @@ def fit_gaylord(
             increase with pressure.
     """
     p, l, tension = _drop_blank_rows(pressure=pressure, length=length, force=force)
-    _check_settings(l, 2, "length", "m")
+    _check_level_count(l, 2, "length", "m")
     pressure_threshold = 0.0
     if threshold:
-        _check_settings(p, 2, "pressure", "Pa")
+        _check_level_count(p, 2, "pressure", "Pa")
         # A threshold below zero is a gauge that reads low; one near the top leaves nothing to pull with.
         pressure_threshold = _minimise_on_grid(
             lambda x: _fit_gaylord_coefficients(p - x, l, tension)[1], np.linspace(-0.5, 0.9, 57) * p.max()
@@ -167,10 +167,12 @@ def fit_sarosi(pressure: ArrayLike, contraction: ArrayLike, force: ArrayLike) ->
     p, k, tension = _drop_blank_rows(pressure=pressure, contraction=contraction, force=force)
     if p.size < 6:
         raise BadInput.from_rule(
-            "six coefficients need at least six rows", f"{p.size}", remedy="Measure more settings."
+            "six coefficients need at least six rows",
+            f"{p.size}",
+            remedy="Measure at more pressures and lengths.",
         )
-    _check_settings(p, 2, "pressure", "Pa")
-    _check_settings(k, 3, "contraction", "")
+    _check_level_count(p, 2, "pressure", "Pa")
+    _check_level_count(k, 3, "contraction", "")
     rate, at_limit = _search_exponent(p, k, tension)
     a, b, d, e, f = map(float, _fit_sarosi_coefficients(rate, p, k, tension)[0])
     return Sarosi(a, b, rate, d, e, f, at_limit=at_limit)
@@ -254,7 +256,7 @@ def _drop_blank_rows(**columns: ArrayLike) -> list[Vector]:
     return [array[complete_rows] for array in arrays.values()]
 
 
-def _check_settings(values: Vector, min_count: int, name: str, unit: str) -> None:
+def _check_level_count(values: Vector, min_count: int, name: str, unit: str) -> None:
     """Refuse a column with too few different values; values within 0.1 % of the largest count as one."""
     size = np.abs(values).max()
     count = np.unique(np.round(values / size, 3)).size if size > 0 else 1

@@ -97,14 +97,14 @@ def _exit_with_parent(parent: BaseProcess | None) -> None:
 
 
 @contextmanager
-def _set_environment(settings: dict[str, str]) -> Iterator[None]:
+def _set_environment(variables: dict[str, str]) -> Iterator[None]:
     """Set environment variables for the processes that are started inside the block."""
-    before = {name: os.environ.get(name) for name in settings}
-    os.environ.update(settings)
+    old_values = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
     try:
         yield
     finally:
-        for name, value in before.items():
+        for name, value in old_values.items():
             if value is None:
                 os.environ.pop(name, None)
             else:

@@ -9,7 +9,7 @@
 |                              | pressure 0.03 to 0.15 %, length 0.003 to 0.015 %                        |
 | sd of stated values          | thread length to 0.15 %, turns to 0.4 %, stiffness to 20 %              |
 
-Neglects: lengths read once for each setting, static tables, several muscles in one fit.
+Neglects: lengths read once for each level, static tables, several muscles in one fit.
 """
 
 from __future__ import annotations

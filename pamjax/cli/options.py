@@ -46,12 +46,12 @@ class ModelOptions:
     before: WordList = None
 
     def read_cases(self, cases: list[Path]) -> list[Case]:
-        """Return the cases, with the settings of their memory.
+        """Return the cases, with the state of their memory.
 
         Raises:
-            BadInput: as `settings.read_cases`, or for `--share` with one case only.
+            BadInput: as `name_value_options.read_cases`, or for `--share` with one case only.
         """
-        from pamjax.cli.settings import read_cases
+        from pamjax.cli.name_value_options import read_cases
 
         if self.share and len(cases) < 2:
             rule, remedy = "`--share` needs several cases", "Name the other cases, or remove the option."

@@ -45,7 +45,7 @@ _SMALL_BATCH, _LARGE_BATCH = 16, 4096
 #: Ranges of pressure, Pa, and contraction for a muscle without calibrated range.
 DEFAULT_PRESSURES, _DEFAULT_CONTRACTIONS = (0.0, 600e3), (0.0, 0.45)
 
-#: Minimum relative width of a calibrated range; a narrower one is a single setting.
+#: Minimum relative width of a calibrated range; a narrower one is a single level.
 _MIN_RANGE_WIDTH = 0.01
 
 #: Minimum of ∂F/∂P for a command, as a share of its value at the longest length.

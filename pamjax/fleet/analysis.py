@@ -119,7 +119,7 @@ def _list_groups(fleet: Fleet) -> list[_NumberGroup]:
     types = dict(zip(fleet.cases["case"], fleet.cases["type"].fillna(""), strict=True))
     places: dict[tuple[str, str], list[int]] = {}
     for k, (case, name) in enumerate(zip(numbers["case"], numbers["name"], strict=True)):
-        # The error of one length setting is no property of a specimen.
+        # The error of one length level is no property of a specimen.
         if not name.startswith(LENGTH_ERROR_PREFIX):
             places.setdefault((types[case], name), []).append(k)
     groups = []

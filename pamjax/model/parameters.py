@@ -29,7 +29,7 @@ THREAD_LAWS: dict[str, type[AbstractThread] | type[Inextensible]] = {
     "recruitment-toe": RecruitmentToe,
 }
 
-#: Prefix of the parameter name of a length error; the number of the length setting follows.
+#: Prefix of the parameter name of a length error; the index of the length level follows.
 LENGTH_ERROR_PREFIX = "length_error."
 
 _LENGTH_ERROR = Meaning(

@@ -40,7 +40,7 @@ from pamjax.jit import compile_on_call
 from pamjax.model.parameters import LENGTH_ERROR_PREFIX, find_meaning
 from pamjax.planning.rig_capabilities import DEFAULT_CHANNEL_SDS, RigCapabilities
 from pamjax.planning.runs import PlannedRun, compute_fixed_lengths
-from pamjax.records.blocks import find_length_settings
+from pamjax.records.blocks import assign_length_levels
 from pamjax.records.case import Case
 from pamjax.records.reading.muscle_toml import MuscleToml
 from pamjax.records.recording import Recording
@@ -112,7 +112,7 @@ class PriorInformation:
         label: np.ndarray,
         count: int,
         values: np.ndarray,
-        setting: np.ndarray | None = None,
+        length_level: np.ndarray | None = None,
     ) -> np.ndarray:
         """Return the information in the samples of a case, (count, p, p), summed by label.
 
@@ -121,7 +121,7 @@ class PriorInformation:
             label: (n,) index of the sum of each sample.
             count: number of sums.
             values: (p,) parameter values, SI.
-            setting: (n,) index of the set length of each sample; None if set lengths have no errors.
+            length_level: (n,) index of the set length of each sample; None if set lengths have no errors.
         """
         n, muscle_count = label.size, len(self.muscle_indices)
         muscle_space = build_space(self.free_parameters[:muscle_count])
@@ -131,7 +131,7 @@ class PriorInformation:
             np.asarray(x)[..., :n] for x in _compute_slopes(dataset, muscle_values)
         )
         error_slopes = self._compute_error_slopes(input_slopes, readings, np.asarray(rows.pressure)[:n])
-        length_slopes = self._compute_length_error_slopes(input_slopes[1], setting)
+        length_slopes = self._compute_length_error_slopes(input_slopes[1], length_level)
         slopes = np.concatenate([slopes, error_slopes, length_slopes])
         noise = [x**2 if x else math.inf for x in (self.capabilities.force_sd, self.capabilities.diameter_sd)]
         input_variance = (self.capabilities.pressure_sd * input_slopes[0]) ** 2 + (
@@ -177,14 +177,16 @@ class PriorInformation:
             -1, 2, unit.size
         )
 
-    def _compute_length_error_slopes(self, by_length: np.ndarray, setting: np.ndarray | None) -> np.ndarray:
+    def _compute_length_error_slopes(
+        self, by_length: np.ndarray, length_level: np.ndarray | None
+    ) -> np.ndarray:
         """Return the derivatives of force and diameter by the errors of set lengths, (q, 2, n)."""
         error_count = sum(map(is_length_error, self.space.names))
-        if setting is None:
+        if length_level is None:
             return np.zeros((error_count, *by_length.shape))
-        return by_length * (setting == np.arange(error_count)[:, None])[:, None]
+        return by_length * (length_level == np.arange(error_count)[:, None])[:, None]
 
-    def find_settings(self, runs: Sequence[PlannedRun]) -> np.ndarray:
+    def find_length_levels(self, runs: Sequence[PlannedRun]) -> np.ndarray:
         """Return the index of each run's set length; strokes have the index after the last length."""
         lengths = compute_fixed_lengths(self.capabilities, self.muscle_toml.rest_length.value)
         return np.array(
@@ -197,9 +199,9 @@ class PriorInformation:
         label = np.concatenate([np.full(run.pressure.size, k) for k, run in enumerate(thinned_runs)])
         information = np.zeros((len(runs), *self.matrix.shape))
         if label.size:
-            setting = self.find_settings(runs)[label]
+            length_level = self.find_length_levels(runs)[label]
             information = self.compute_information(
-                self.build_case(thinned_runs), label, len(runs), values, setting
+                self.build_case(thinned_runs), label, len(runs), values, length_level
             )
         for k, run in enumerate(runs):
             information[k] *= run.pressure.size / max(thinned_runs[k].pressure.size, 1)
@@ -218,7 +220,7 @@ class PriorInformation:
 
 def _remove_length_errors(case: Case) -> Case:
     """Return the case without length errors of its own; the caller adds its own error parameters."""
-    sensors = replace(case.muscle_toml.sensors, length_per_setting=False)
+    sensors = replace(case.muscle_toml.sensors, length_per_level=False)
     return replace(case, muscle_toml=replace(case.muscle_toml, sensors=sensors))
 
 
@@ -291,8 +293,8 @@ def build_prior_information(
         for n, sd in capabilities.error_sds.items()
     ]
     # One error for each set length, and one for all strokes.
-    setting_count = compute_fixed_lengths(capabilities, muscle_toml.rest_length.value).size + 1
-    length_errors = _build_length_errors(capabilities.length_setting_sd, setting_count)
+    level_count = compute_fixed_lengths(capabilities, muscle_toml.rest_length.value).size + 1
+    length_errors = _build_length_errors(capabilities.length_level_sd, level_count)
     prior_information = _build_from_priors(muscle_toml, capabilities, law, [*free_parameters, *length_errors])
     return prior_information if case is None else _update_with_recording(prior_information, case)
 
@@ -342,9 +344,9 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
     """
     muscle_count = len(prior_information.muscle_indices)
     shared_parameters = [n for n in prior_information.free_parameters if not is_length_error(n.name)]
-    sd = case.muscle_toml.sensors.length if case.muscle_toml.sensors.length_per_setting else None
-    setting = find_length_settings(case.recording) if sd else None
-    errors = _build_length_errors(sd, int(setting.max()) + 1) if sd and setting is not None else []
+    sd = case.muscle_toml.sensors.length if case.muscle_toml.sensors.length_per_level else None
+    length_level = assign_length_levels(case.recording) if sd else None
+    errors = _build_length_errors(sd, int(length_level.max()) + 1) if sd and length_level is not None else []
     fitted_space = build_space([*prior_information.free_parameters[:muscle_count], *errors])
     dataset = build_dataset(case, prior_information.law, fitted_space, {})
     solution = solve_least_squares((dataset,), fitted_space, jnp.zeros(fitted_space.size))
@@ -381,7 +383,7 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
         rms_over_noise = max(channel_noise.rms_over_noise, 1.0)
         samples_per_independent = rms_over_noise**2 * channel_noise.autocorrelation_time
         channel_information = replace(recorded_information, capabilities=channel_rig)
-        information, *_ = channel_information.compute_information(case, label, 1, values, setting)
+        information, *_ = channel_information.compute_information(case, label, 1, values, length_level)
         matrix = matrix + information / samples_per_independent
     updated_matrix = prior_information.matrix.copy()
     updated_matrix[: len(shared_parameters), : len(shared_parameters)] = _marginalise(

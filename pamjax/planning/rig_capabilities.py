@@ -70,7 +70,7 @@ class RigCapabilities:
         correlation_time: correlation time of the noise, s.
         force_sd, diameter_sd: standard deviation of one sample, N and m; None without this channel.
         pressure_sd, length_sd: standard deviation of one sample of pressure and length, Pa and m.
-        length_setting_sd: standard deviation of each set length, common to all its samples, m; 0 for none.
+        length_level_sd: standard deviation of each set length, common to all its samples, m; 0 for none.
         error_sds: standard deviation of zeros, gains and compliance, SI, by parameter name.
     """
 
@@ -85,14 +85,14 @@ class RigCapabilities:
     diameter_sd: float | None = DEFAULT_CHANNEL_SDS["diameter"]
     pressure_sd: float = 700.0
     length_sd: float = 2e-5
-    length_setting_sd: float = 0.0
+    length_level_sd: float = 0.0
     error_sds: dict[str, float] = field(default_factory=lambda: dict(DEFAULT_ERROR_SDS))
 
     @property
     def assumed_sds(self) -> dict[str, float]:
         """Return the standard deviations of the rig's parameters, SI, with that of a set length."""
         return self.error_sds | (
-            {f"{LENGTH_ERROR_PREFIX}each": self.length_setting_sd} if self.length_setting_sd else {}
+            {f"{LENGTH_ERROR_PREFIX}each": self.length_level_sd} if self.length_level_sd else {}
         )
 
     @property
@@ -128,7 +128,7 @@ def read_capabilities(
 ) -> RigCapabilities:
     """Return the capabilities of a rig: from its file, else from the sensors of muscle.toml, else defaults.
 
-    If muscle.toml states one length error for each setting, it is also valid for this rig, and length has no
+    If muscle.toml states one length error for each level, it is also valid for this rig, and length has no
     noise of a sample. A `ruler` in the rig file is the noise of a sample and replaces that error.
 
     Args:
@@ -148,7 +148,7 @@ def read_capabilities(
     stated_fields = {
         "force_sd": sensors.force, "diameter_sd": sensors.diameter,
         "pressure_sd": sensors.pressure, "max_pressure": max_recorded_pressure,
-        "length_setting_sd" if sensors.length_per_setting else "length_sd": sensors.length,
+        "length_level_sd" if sensors.length_per_level else "length_sd": sensors.length,
     }  # fmt: skip
     absent_channels = dict.fromkeys(_FIELDS[c] for c in ("force", "diameter") if c not in recorded_channels)
     capabilities = replace(
@@ -156,8 +156,8 @@ def read_capabilities(
         **absent_channels | {name: value for name, value in stated_fields.items() if value},
     )
     rig_entries = (_read_rig_file(rig) if rig else {}) | {k: v for k, v in overrides.items() if v is not None}
-    capabilities = replace(capabilities, length_setting_sd=0.0) if "ruler" in rig_entries else capabilities
-    capabilities = replace(capabilities, length_sd=0.0) if capabilities.length_setting_sd else capabilities
+    capabilities = replace(capabilities, length_level_sd=0.0) if "ruler" in rig_entries else capabilities
+    capabilities = replace(capabilities, length_sd=0.0) if capabilities.length_level_sd else capabilities
     file, error_sds, plain_fields = rig.name if rig else "the rig", dict(capabilities.error_sds), {}
     for name, value in rig_entries.items():
         if name in ERROR_ENTRIES:

@@ -140,7 +140,7 @@ def _list_checks(capabilities: RigCapabilities) -> list[PlannedRun]:
     averaging, no_samples = _CHECK_READINGS**0.5, np.zeros(0)
     force, diameter = capabilities.force_sd or 0.0, capabilities.diameter_sd or 0.0
     # All readings of one bar have the same length error.
-    ruler = max(capabilities.length_sd / averaging, capabilities.length_setting_sd)
+    ruler = max(capabilities.length_sd / averaging, capabilities.length_level_sd)
     checks = {
         "reading of all channels, vented and unclamped": (
             3.0,

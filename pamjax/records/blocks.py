@@ -1,16 +1,16 @@
 """Blocks of dependent rows; cross-validation holds out whole blocks.
 
-Rows of one loop share their history, noise and setting. A fit to half of a loop is not tested by the other
+Rows of one loop share their history, noise and level. A fit to half of a loop is not tested by the other
 half. The recording itself determines the blocks, for any protocol:
 
 | pressure      | length        | blocks                                                            |
 |---------------|---------------|-------------------------------------------------------------------|
-| few settings  | strokes       | isobars                                                           |
-| moves         | few settings  | lengths                                                           |
-| few settings  | few settings  | holds; if all pairs were set, the channel with fewer changes      |
+| few levels    | strokes       | isobars                                                           |
+| moves         | few levels    | lengths                                                           |
+| few levels    | few levels    | holds; if all pairs were set, the channel with fewer changes      |
 | else          | else          | cycles, or sequences of rows, or single rows                      |
 
-In an isotonic test the length is measured, so it is no setting. The blocks are its loads if there are at
+In an isotonic test the length is measured, so it has no levels. The blocks are its loads if there are at
 least three, else its cycles, else its isobars.
 """
 
@@ -27,13 +27,13 @@ from pamjax.units import format_quantity
 
 #: Minimum number of isobars or lengths: with one held out, the other two still determine a line.
 _MIN_BLOCK_COUNT = 3
-#: Minimum share of measured pairs for crossed settings; below 1, because a sweep may end early.
+#: Minimum share of measured pairs for crossed levels; below 1, because a sweep may end early.
 _MIN_CROSSED_SHARE = 0.75
 #: Minimum number of samples of a hold; a shorter sequence is a transition.
 _MIN_HOLD_SAMPLES = 5
 #: Maximum number of rows of a table of single readings.
 _MAX_SINGLE_READINGS = 40
-#: Number of equal parts of a recording without settings or cycles.
+#: Number of equal parts of a recording without levels or cycles.
 _PART_COUNT = 10
 
 
@@ -42,7 +42,7 @@ class Blocks:
     """The blocks of a recording.
 
     Attributes:
-        label: (n,) index of each row's block; -1 for unusable rows and rows between two settings.
+        label: (n,) index of each row's block; -1 for unusable rows and rows between two levels.
         names: name of each block, as "isobar 138 kPa".
         kind: "isobars", "lengths", "loads", "holds", "cycles" or "rows".
     """
@@ -65,7 +65,7 @@ def find_blocks(recording: Recording) -> Blocks:
         row_blocks = _find_loads(recording) or _find_cycles(recording) or _find_isobars(recording)
         row_blocks = row_blocks or _split_rows(recording)
     else:
-        row_blocks = _find_settings(recording) or _find_cycles(recording) or _split_rows(recording)
+        row_blocks = _find_level_blocks(recording) or _find_cycles(recording) or _split_rows(recording)
     return _drop_unusable_rows(row_blocks, recording.usable)
 
 
@@ -75,7 +75,7 @@ def split_folds(blocks: Blocks, k: int = 5, seed: int = 0) -> list[np.ndarray]:
     Each fold takes one of every k neighbouring blocks. Hence every fold covers the whole range.
 
     Args:
-        blocks: the blocks, in order of their setting or of time.
+        blocks: the blocks, in order of their level or of time.
         k: number of folds, at most the number of blocks.
         seed: seed of the random assignment of blocks to folds.
 
@@ -99,10 +99,10 @@ def split_folds(blocks: Blocks, k: int = 5, seed: int = 0) -> list[np.ndarray]:
     return [np.isin(blocks.label, np.flatnonzero(fold_of == fold)) for fold in range(k)]
 
 
-def find_length_settings(recording: Recording) -> np.ndarray:
-    """Return the index of the length setting of each row, (n,), for a length error per setting.
+def assign_length_levels(recording: Recording) -> np.ndarray:
+    """Return the index of the length level of each row, (n,), for a length error per level.
 
-    A row between two settings gets the nearer one. A recording of strokes has one setting, 0. The index is -1
+    A row between two levels gets the nearer one. A recording of strokes has one level, 0. The index is -1
     where the length was not measured.
     """
     levels = find_levels(recording.length, recording.has_time)
@@ -130,8 +130,8 @@ def _find_isobars(recording: Recording) -> Blocks | None:
     return Blocks(assign_levels(recording.pressure, pressures), names, "isobars")
 
 
-def _find_settings(recording: Recording) -> Blocks | None:
-    """Return isobars, lengths or holds; None if the recording has too few settings."""
+def _find_level_blocks(recording: Recording) -> Blocks | None:
+    """Return isobars, lengths or holds; None if the recording has too few levels."""
     pressures = find_levels(recording.pressure, recording.has_time)
     lengths = find_levels(recording.length, recording.has_time)
     isobars = Blocks(
@@ -146,7 +146,7 @@ def _find_settings(recording: Recording) -> Blocks | None:
         and not _are_crossed(isobars, length_blocks)
     ):
         return _find_holds(isobars.label, length_blocks.label)
-    # The channel that changes less often is the setting; the other channel was swept.
+    # The channel that changes less often has the levels; the other channel was swept.
     first, second = sorted((isobars, length_blocks), key=lambda candidate: _count_changes(candidate.label))
     return next((candidate for candidate in (first, second) if len(candidate) >= _MIN_BLOCK_COUNT), None)
 

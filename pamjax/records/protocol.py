@@ -64,7 +64,7 @@ class Protocol(BaseModel):
         contractions: 1 − length/rest length; for "strokes" the maximum of each stroke (one number, or
             one for each pressure).
         loads: the set forces of an isotonic test, with units, in place of `contractions`; only for "ramps".
-        cycles: number of strokes or ramps at each setting.
+        cycles: number of strokes or ramps at each pressure or length.
         speed: speed of a stroke, with its unit.
         duration: duration of a ramp up or of a hold, with its unit.
         rate: sampling rate, as "1 Hz".
@@ -90,7 +90,7 @@ class Protocol(BaseModel):
             BadInput: for a wrong unit, a negative pressure, or a wrong number of contractions.
         """
         where = "[protocol]"
-        self._check_settings(where)
+        self._check_set_channel(where)
         pressures = [parse_quantity(p, "pressure", where) for p in self.pressures]
         speed, duration = (
             parse_quantity(self.speed, "speed", where),
@@ -118,7 +118,7 @@ class Protocol(BaseModel):
         loads = [read_load(load, EntryLocation("loads", where)) for load in self.loads]
         return replace(schedule, load=np.repeat(loads, schedule.time.size // len(loads)))
 
-    def _check_settings(self, where: str) -> None:
+    def _check_set_channel(self, where: str) -> None:
         """Refuse a protocol without a set length or force, or with both."""
         if bool(self.contractions) == bool(self.loads):
             got = "both" if self.loads else "neither"

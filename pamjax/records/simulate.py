@@ -123,11 +123,11 @@ def _build_history(schedule: Schedule, settled: bool) -> History:
 
 def _draw_length_error(schedule: Schedule, sensors: Sensors, rng: np.random.Generator) -> np.ndarray:
     n = schedule.length.size
-    if not sensors.length_per_setting:
+    if not sensors.length_per_level:
         return (sensors.length or 0.0) * rng.standard_normal(n)
-    # The ruler is read once per length setting: all samples of a setting have the same error.
-    _, setting = np.unique(schedule.length.round(6), return_inverse=True)
-    return (sensors.length or 0.0) * rng.standard_normal(setting.max() + 1)[setting]
+    # The ruler is read once per length level: all samples of a level have the same error.
+    _, level_index = np.unique(schedule.length.round(6), return_inverse=True)
+    return (sensors.length or 0.0) * rng.standard_normal(level_index.max() + 1)[level_index]
 
 
 def draw_ar1_noise(rng: np.random.Generator, n: int, correlation: float) -> np.ndarray:

@@ -25,7 +25,7 @@ ESTIMATES = {
 def build_document():
     """Return the document of a braid with elastic threads, whose two lengths were set by ruler."""
     setup = build_setup()
-    sensors = replace(setup.muscle_toml.sensors, length=5e-4, length_per_setting=True)
+    sensors = replace(setup.muscle_toml.sensors, length=5e-4, length_per_level=True)
     low, high = setup.plan.length.min(), setup.plan.length.max()
     recording = replace(setup.plan, length=np.where(np.arange(setup.plan.n) < 200, high, low))
     muscle_toml = replace(setup.muscle_toml, sensors=sensors)

@@ -64,19 +64,19 @@ def test_information_agrees_with_finite_differences_through_the_rig(muscle_toml)
 @pytest.fixture(scope="module")
 def by_ruler(muscle_toml):
     """Return the muscle on a bench whose lengths are set by ruler, with one error for each length."""
-    sensors = Sensors(force=2.0, diameter=1e-4, pressure=700.0, length=1e-3, length_per_setting=True)
+    sensors = Sensors(force=2.0, diameter=1e-4, pressure=700.0, length=1e-3, length_per_level=True)
     return replace(muscle_toml, sensors=sensors)
 
 
 def test_ruler_error_is_shared_by_all_samples_of_a_length(by_ruler):
     means = read_capabilities(by_ruler, pressure="690 kPa")
-    assert (means.length_setting_sd, means.length_sd) == (1e-3, 0.0)
+    assert (means.length_level_sd, means.length_sd) == (1e-3, 0.0)
     known = build_prior_information(by_ruler, replace(means, pressure_sd=0.0))
     pressure, length = np.array([200e3, 400e3, 690e3]), np.array([0.2357, 0.2357, 0.19])
-    setting, label, shared = np.array([0, 0, 3]), np.zeros(3, int), len(known.free_parameters) - 5
+    length_level, label, shared = np.array([0, 0, 3]), np.zeros(3, int), len(known.free_parameters) - 5
     values = np.where(np.arange(known.mean.size) < len(known.muscle_indices), known.mean, 0.0)
     run_information = known.compute_information(
-        build_map_case(by_ruler, pressure, length), label, 1, values, setting
+        build_map_case(by_ruler, pressure, length), label, 1, values, length_level
     )[0]
     rulers = run_information[shared:, shared:] + np.eye(5)
     got = run_information[:shared, :shared] - run_information[:shared, shared:] @ np.linalg.solve(
@@ -91,7 +91,7 @@ def test_ruler_error_is_shared_by_all_samples_of_a_length(by_ruler):
 
     slopes = np.stack([show(k) for k in range(shared)]).reshape(shared, -1)
     by_length = difference(lambda d: shown(*at, start, p, x + 1e-3 * d), 0.0, 1e-2).ravel()
-    same = np.tile(setting, 2)
+    same = np.tile(length_level, 2)
     covariance = np.diag(np.repeat([4.0, 1e-8], 3)) + np.outer(by_length, by_length) * np.equal.outer(
         same, same
     )
@@ -110,8 +110,8 @@ def test_plan_supports_lengths_set_by_ruler(by_ruler, goal):
 
 def test_ruler_of_a_rig_is_noise_per_sample(by_ruler):
     once, each = (read_capabilities(by_ruler, ruler=ruler) for ruler in (None, "0.1 mm"))
-    assert (once.length_setting_sd, once.length_sd) == (1e-3, 0.0)
-    assert (each.length_setting_sd, each.length_sd) == (0.0, pytest.approx(1e-4))
+    assert (once.length_level_sd, once.length_sd) == (1e-3, 0.0)
+    assert (each.length_level_sd, each.length_sd) == (0.0, pytest.approx(1e-4))
 
 
 def test_recording_with_lengths_set_by_ruler_is_used(by_ruler):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pamjax.errors import BadInput
-from pamjax.records.blocks import Blocks, find_blocks, find_length_settings, split_folds
+from pamjax.records.blocks import Blocks, assign_length_levels, find_blocks, split_folds
 from pamjax.records.levels import assign_levels, find_levels
 from pamjax.records.recording import Recording
 from tests.records.conftest import strokes
@@ -58,7 +58,7 @@ def test_fixed_lengths_are_blocks(noise):
     assert blocks.kind == "lengths"
     assert blocks.names == ("length 180 mm", "length 190 mm", "length 200 mm")
     assert blocks.label.tolist() == np.repeat([2, 1, 0], 200).tolist()
-    assert find_length_settings(recording).tolist() == blocks.label.tolist()
+    assert assign_length_levels(recording).tolist() == blocks.label.tolist()
 
 
 def test_fixed_lengths_with_settled_pressures_are_blocks():
@@ -179,7 +179,7 @@ def test_one_block_cannot_be_held_out():
 
 def test_a_stroke_has_one_setting():
     recording = Recording.from_arrays(**strokes())
-    assert set(find_length_settings(recording).tolist()) == {0}
+    assert set(assign_length_levels(recording).tolist()) == {0}
 
 
 def test_real_cases_have_blocks(real_case):
@@ -190,4 +190,4 @@ def test_real_cases_have_blocks(real_case):
     assert (blocks.label >= 0).mean() > 0.98
     if real_case.name.startswith("hose"):
         assert blocks.kind == "lengths"
-        assert find_length_settings(recording).max() + 1 == len(blocks)
+        assert assign_length_levels(recording).max() + 1 == len(blocks)

@@ -39,11 +39,11 @@ def test_fixed_length_is_its_mean_with_the_noise_of_a_mean():
     )
     assert case.muscle_toml.sensors.length == pytest.approx(NOISE / np.sqrt(ROWS_PER_LENGTH))
     # All samples at one length have the error of their mean.
-    assert case.muscle_toml.sensors.length_per_setting
+    assert case.muscle_toml.sensors.length_per_level
 
 
 def test_moving_length_and_ruler_readings_are_unchanged():
-    for case in (ramps(motion=3 * NOISE), ramps(noise=0.0), ramps(length_per_setting=True)):
+    for case in (ramps(motion=3 * NOISE), ramps(noise=0.0), ramps(length_per_level=True)):
         assert average_fixed_lengths(case) is case
     stroke = made("elastic")
     assert average_fixed_lengths(stroke) is stroke

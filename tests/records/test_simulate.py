@@ -68,7 +68,7 @@ def test_a_correlation_time_is_in_seconds(exact):
 
 def test_ruler_error_is_constant_for_each_setting():
     plan = Protocol(kind="ramps", pressures=["3 bar"], contractions=[0.0, 0.1, 0.2])
-    sensors = Sensors(length=1e-3, length_per_setting=True)
+    sensors = Sensors(length=1e-3, length_per_level=True)
     schedule = plan.build_schedule(0.2)
     recording = simulate(MUSCLE, schedule, sensors, seed=3)
     errors = (recording.length - schedule.length).reshape(3, -1)

@@ -43,7 +43,7 @@ def simulate(
         seed: random seed for the noise.
         json: print one JSON document.
     """
-    from pamjax.cli.settings import parse_settings
+    from pamjax.cli.name_value_options import parse_parameter_values
     from pamjax.errors import check_minimum
     from pamjax.infer.fitting.load import load_muscle
     from pamjax.records.protocol import PAPER_PROTOCOL, read_protocol
@@ -54,7 +54,7 @@ def simulate(
     from pamjax.units import format_count, parse_quantity
 
     check_minimum("seed", seed, 0)
-    loaded_muscle = load_muscle(muscle, law, case, parse_settings(with_ or ()))
+    loaded_muscle = load_muscle(muscle, law, case, parse_parameter_values(with_ or ()))
     plan = read_protocol(protocol) if protocol else PAPER_PROTOCOL
     schedule = plan.build_schedule(loaded_muscle.muscle_toml.rest_length.value)
     check_set_channel(schedule, loaded_muscle.muscle_toml)

@@ -50,7 +50,7 @@ def build_axes(problem: LibraryProblem) -> RecordingAxes:
     sensor = problem.case.muscle_toml.sensors
     noise = (
         0.0
-        if sensor.length_per_setting
+        if sensor.length_per_level
         else problem.settings.min_speed_noise_sd * (sensor.length or 0.0) * rate_noise
     )
     min_speed = np.maximum(

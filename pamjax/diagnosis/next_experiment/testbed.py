@@ -94,7 +94,7 @@ class SimulatedTestbed:
             problem.case.before,
         )
         rows = build_rows(case, size)
-        rows = dataclasses.replace(rows, length_setting=jnp.zeros_like(rows.length_setting))
+        rows = dataclasses.replace(rows, length_level=jnp.zeros_like(rows.length_level))
         history = build_history(case, size, compute_padding=False)
         dataset, reduced_dataset = (
             dataclasses.replace(m, rows=rows, history=history)

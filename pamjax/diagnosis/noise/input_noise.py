@@ -136,7 +136,7 @@ def _sample_input_noise(problem: LibraryProblem) -> list[tuple[np.ndarray, np.nd
 def _get_input_noise_sd(problem: LibraryProblem) -> tuple[float, float]:
     """Return the sd of pressure and length noise that is independent between samples, SI."""
     sensors = problem.case.muscle_toml.sensors
-    return sensors.pressure or 0.0, 0.0 if sensors.length_per_setting else sensors.length or 0.0
+    return sensors.pressure or 0.0, 0.0 if sensors.length_per_level else sensors.length or 0.0
 
 
 def _mixes_samples(parameter: str) -> bool:

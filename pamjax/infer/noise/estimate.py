@@ -58,7 +58,7 @@ def compute_noise_variances(
     by_pressure, by_length = (
         np.asarray(s)[:, :n] for s in compute_sensitivities(dataset, jnp.asarray(values))
     )
-    length = 0.0 if sensors.length_per_setting else sensors.length or 0.0
+    length = 0.0 if sensors.length_per_level else sensors.length or 0.0
     input_variance = ((sensors.pressure or 0.0) * by_pressure) ** 2 + (length * by_length) ** 2
     return own_variance, np.nan_to_num(input_variance)
 
@@ -93,7 +93,7 @@ def estimate_noise_model(
     run_number = np.cumsum(case.recording.is_run_start | np.diff(rows_in_use, prepend=rows_in_use[:1]))
     sensors = case.muscle_toml.sensors
     is_input_noise_unknown = sensors.pressure is None or (
-        sensors.length is None and not sensors.length_per_setting and not case.recording.measures_length
+        sensors.length is None and not sensors.length_per_level and not case.recording.measures_length
     )
     channels, rows, runs = [], [], []
     time = case.recording.time

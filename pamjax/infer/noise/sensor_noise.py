@@ -87,8 +87,8 @@ def compute_effective_sd(
         return np.sqrt(np.asarray(own_sd)[:, None] ** 2 + variance)
     by_pressure, by_length = (np.asarray(s) for s in compute_sensitivities(dataset, values))
     pressure = (sensors.pressure or 0.0) * by_pressure
-    # An error of a length setting is a parameter of the fit, not noise.
-    length = (0.0 if sensors.length_per_setting else sensors.length or 0.0) * by_length
+    # An error of a length level is a parameter of the fit, not noise.
+    length = (0.0 if sensors.length_per_level else sensors.length or 0.0) * by_length
     return np.sqrt(np.asarray(own_sd)[:, None] ** 2 + pressure**2 + length**2)
 
 

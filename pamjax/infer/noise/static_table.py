@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-#: Two settings are equal if they differ by less than this fraction of the largest.
-_SETTING_TOLERANCE = 2e-3
+#: Two levels are equal if they differ by less than this fraction of the largest.
+_LEVEL_TOLERANCE = 2e-3
 
 #: Largest number of readings of a line that counts as straight.
 _MAX_STRAIGHT_READINGS = 5
@@ -53,7 +53,7 @@ def estimate_table_variance(
         return None
     for fixed, along in ((length, pressure), (pressure, length)):
         line_variances = [
-            _estimate_line_variance(along[rows], values[rows]) for rows in _group_by_setting(fixed)
+            _estimate_line_variance(along[rows], values[rows]) for rows in _group_by_level(fixed)
         ]
         degrees_of_freedom = sum(squares for _, squares in line_variances)
         if degrees_of_freedom > 0:
@@ -74,10 +74,10 @@ def _estimate_line_variance(along: np.ndarray, values: np.ndarray) -> tuple[floa
     return float(np.mean(squares)), _SQUARES_PER_DIFFERENCE * squares.size + 2 / 7
 
 
-def _group_by_setting(fixed: np.ndarray) -> list[np.ndarray]:
-    """Return the rows of each setting."""
+def _group_by_level(fixed: np.ndarray) -> list[np.ndarray]:
+    """Return the rows of each level."""
     order = np.argsort(fixed, kind="stable")
-    edges = np.flatnonzero(np.diff(fixed[order]) > _SETTING_TOLERANCE * np.max(np.abs(fixed))) + 1
+    edges = np.flatnonzero(np.diff(fixed[order]) > _LEVEL_TOLERANCE * np.max(np.abs(fixed))) + 1
     return np.split(order, edges)
 
 

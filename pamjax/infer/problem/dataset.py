@@ -32,7 +32,7 @@ from pamjax.model.bench import Bench, BenchReading, clip_slack_force
 from pamjax.model.history import History, build_time_history
 from pamjax.model.isotonic import LengthReading, predict_length
 from pamjax.model.muscle import Muscle, MuscleReading
-from pamjax.records.blocks import find_blocks, find_length_settings
+from pamjax.records.blocks import assign_length_levels, find_blocks
 from pamjax.records.case import Case
 
 #: The channels of a fit, in the order of the stacked arrays. In an isotonic test, the length takes the place
@@ -62,7 +62,7 @@ class PaddedRows(eqx.Module):
         force, diameter: (n,) measurements, SI; zero where not measured. In an isotonic test, `force` is the
             measured length, and `force_weight` its weight.
         force_weight, diameter_weight: (n,) 1 / standard deviation of a sample, or zero.
-        length_setting: (n,) index of the length setting of a row.
+        length_level: (n,) index of the length level of a row.
         is_slack: (n,) whether the muscle exerts nearly no force.
         training_mask: (n,) one for a row of the fit, zero for a held-out or padded row.
         set_force: (n,) set force of an isotonic test, N; None if the force is measured.
@@ -74,7 +74,7 @@ class PaddedRows(eqx.Module):
     diameter: Float[Array, " n"]
     force_weight: Float[Array, " n"]
     diameter_weight: Float[Array, " n"]
-    length_setting: Int[Array, " n"]
+    length_level: Int[Array, " n"]
     is_slack: Bool[Array, " n"]
     training_mask: Float[Array, " n"]
     set_force: Float[Array, " n"] | None = None
@@ -92,7 +92,7 @@ class Dataset(eqx.Module):
         law: thread law, a key of `THREAD_LAWS`.
         mechanisms: ids of the mechanisms; empty for the muscle alone.
         free_parameters: names of the muscle's free parameters, each with its index in the space.
-        length_error_indices: indices of the errors of the length settings in the space.
+        length_error_indices: indices of the errors of the length levels in the space.
         fixed_values: the muscle's other parameters, SI.
         rows: the samples.
         history: their order in time.
@@ -128,7 +128,7 @@ class Dataset(eqx.Module):
         """Return the predicted reading at every row; the length at the set force in an isotonic test."""
         length = self.rows.length
         if self.length_error_indices:
-            length = length + values[jnp.array(self.length_error_indices)][self.rows.length_setting]
+            length = length + values[jnp.array(self.length_error_indices)][self.rows.length_level]
         if self.rows.set_force is not None:
             muscle = self.build_bench(values) if self.mechanisms else self.build_muscle(values)
             return predict_length(muscle, self.rows.pressure, length, self.rows.set_force, self.history)
@@ -329,7 +329,7 @@ def build_rows(case: Case, size: int | None = None) -> PaddedRows:
         diameter=diameter,
         force_weight=force_weight,
         diameter_weight=diameter_weight,
-        length_setting=pad(find_length_settings(recording).clip(min=0), 0),
+        length_level=pad(assign_length_levels(recording).clip(min=0), 0),
         is_slack=pad(find_slack_samples(case), False),
         training_mask=pad(usable.astype(float)),
         set_force=pad(np.nan_to_num(recording.force)) if recording.measures_length else None,

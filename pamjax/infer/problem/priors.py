@@ -10,7 +10,7 @@ from pamjax.infer.problem.parameter_space import FreeParameter
 from pamjax.model.assembly import list_mechanism_parameters
 from pamjax.model.parameters import LENGTH_ERROR_PREFIX, find_meaning, list_law_parameters
 from pamjax.parameter import Meaning
-from pamjax.records.blocks import find_length_settings
+from pamjax.records.blocks import assign_length_levels
 from pamjax.records.case import Case
 from pamjax.records.reading.muscle_toml import Bladder, MuscleToml
 from pamjax.records.reading.quantity import MeasuredValue
@@ -36,7 +36,7 @@ _DEFAULT_BORE_SHARE, _DEFAULT_WALL_SHARE = 0.75, 0.08
 
 
 def is_length_error(name: str) -> bool:
-    """Return whether a parameter is the error of one length setting, by its name."""
+    """Return whether a parameter is the error of one length level, by its name."""
     return name.rpartition("/")[2].startswith(LENGTH_ERROR_PREFIX)
 
 
@@ -83,8 +83,8 @@ def list_free_parameters(case: Case, law: str, mechanisms: Sequence[str] = ()) -
         if m.sd > 0 and not _has_no_effect(name, case.muscle_toml)
     ]
     sensors = case.muscle_toml.sensors
-    if sensors.length_per_setting and sensors.length:
-        count = int(find_length_settings(case.recording).max()) + 1
+    if sensors.length_per_level and sensors.length:
+        count = int(assign_length_levels(case.recording).max()) + 1
         error = replace(find_meaning(LENGTH_ERROR_PREFIX), low=-8 * sensors.length, high=8 * sensors.length)
         parameters += [
             FreeParameter(f"{LENGTH_ERROR_PREFIX}{k + 1}", error, 0.0, sensors.length) for k in range(count)

@@ -121,12 +121,12 @@ class TareTable(_ImportTable):
 
 
 class TestTable(_ImportTable):
-    """[[tests]]: one test, or several at one setting.
+    """[[tests]]: one test, or several at one set value.
 
     Attributes:
         file: a path relative to the TOML, a pattern as "run_*.csv" (natural order), or a list of them. If
             channels are in separate files, one of these for each channel.
-        length, pressure: the setting, if there is no such column.
+        length, pressure: the set value, if there is no such column.
     """
 
     __test__ = False  # pytest must not collect this class

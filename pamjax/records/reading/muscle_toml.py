@@ -29,14 +29,14 @@ class Bladder:
 class Sensors:
     """Sensor noise of one sample, standard deviation, SI; None if it is to be estimated.
 
-    With `length_per_setting`, all samples of one length setting have the same length error.
+    With `length_per_level`, all samples of one length level have the same length error.
     """
 
     force: float | None = None
     diameter: float | None = None
     pressure: float | None = None
     length: float | None = None
-    length_per_setting: bool = False
+    length_per_level: bool = False
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ def parse_muscle_toml(document: MuscleDocument | Mapping[str, Any], file: str = 
             diameter=sensors.diameter.sd if sensors.diameter else None,
             pressure=sensors.pressure.sd if sensors.pressure else None,
             length=sensors.length.sd if sensors.length else None,
-            length_per_setting=sensors.length is not None and sensors.length.per == "setting",
+            length_per_level=sensors.length is not None and sensors.length.per == "setting",
         ),
         measures_length=tables.test.measured == "length",
         load=tables.test.load,

@@ -24,18 +24,18 @@ from pamjax.view.theme import (
     create_figure,
 )
 
-#: Largest number of settings with a loop, and of measured points in each loop.
+#: Largest number of groups with a loop, and of measured points in each loop.
 _MAX_LOOPS, _MAX_LOOP_POINTS = 4, 120
 
 
 def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
-    """Return measured and predicted loops at a few settings, without and with the identified mechanisms.
+    """Return measured and predicted loops of a few groups, without and with the identified mechanisms.
 
     The prediction with mechanisms includes their estimated form errors. Its band is ± 2 sd of parameters and
-    form errors. One setting is a held-out one, if there is any. Held-out blocks are predicted by fits without
+    form errors. One group is a held-out one, if there is any. Held-out blocks are predicted by fits without
     them.
     """
-    row_layout, channel_index = select_settings(diagnosis), find_main_channel(diagnosis)
+    row_layout, channel_index = select_shown_groups(diagnosis), find_main_channel(diagnosis)
     channel = diagnosis.problem.channels[channel_index]
     predictions = [("baseline", diagnosis.held_out_errors.before)]
     form = diagnosis.form_prediction
@@ -80,7 +80,7 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
 def _plot_band(
     panel: Panel, diagnosis: Diagnosis, form: FormPrediction, row_layout: Layout, channel_index: int
 ) -> None:
-    """Draw ± 2 sd around the prediction of each setting."""
+    """Draw ± 2 sd around the prediction of each group."""
     channel = diagnosis.problem.channels[channel_index]
     low, high = (
         to_display(channel, form.values[channel_index] + sign * 2 * form.sd[channel_index])
@@ -91,28 +91,28 @@ def _plot_band(
         draw_band(panel, diagnosis.problem.case, row_layout, group, measured_rows, low, high)
 
 
-def select_settings(diagnosis: Diagnosis) -> Layout:
-    """Return the layout of a few settings: the outer ones, some between, and a held-out one."""
+def select_shown_groups(diagnosis: Diagnosis) -> Layout:
+    """Return the layout of a few groups of rows: the outer ones, some between, and a held-out one."""
     full_layout = build_layout(diagnosis.problem.case)
-    setting_count = len(full_layout.names)
-    if setting_count <= _MAX_LOOPS:
+    group_count = len(full_layout.names)
+    if group_count <= _MAX_LOOPS:
         return full_layout
-    chosen_settings = np.unique(np.linspace(0, setting_count - 1, _MAX_LOOPS).round().astype(int))
+    chosen_groups = np.unique(np.linspace(0, group_count - 1, _MAX_LOOPS).round().astype(int))
     held_out_groups = np.unique(
         full_layout.group[diagnosis.held_out_errors.held_out & (full_layout.group >= 0)]
     )
-    if held_out_groups.size and not np.isin(held_out_groups, chosen_settings).any():
-        inner = chosen_settings[1:-1]
-        chosen_settings[1 + np.argmin(np.abs(inner - held_out_groups[0]))] = held_out_groups[0]
-    number = np.full(setting_count + 1, -1)
-    number[chosen_settings] = np.arange(len(chosen_settings))
+    if held_out_groups.size and not np.isin(held_out_groups, chosen_groups).any():
+        inner = chosen_groups[1:-1]
+        chosen_groups[1 + np.argmin(np.abs(inner - held_out_groups[0]))] = held_out_groups[0]
+    number = np.full(group_count + 1, -1)
+    number[chosen_groups] = np.arange(len(chosen_groups))
     return Layout(
         full_layout.x,
         full_layout.xlabel,
         number[full_layout.group],
-        tuple(full_layout.names[k] for k in chosen_settings),
-        tuple(full_layout.colours[k] for k in chosen_settings),
-        tuple(full_layout.isobars[k] for k in chosen_settings) if full_layout.isobars else (),
+        tuple(full_layout.names[k] for k in chosen_groups),
+        tuple(full_layout.colours[k] for k in chosen_groups),
+        tuple(full_layout.isobars[k] for k in chosen_groups) if full_layout.isobars else (),
         full_layout.is_connected,
     )
 
@@ -156,10 +156,10 @@ def _plot_loops(
 
 
 def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
-    """Return residuals and the mechanisms' contribution, a panel per setting; None without a mechanism."""
+    """Return residuals and the mechanisms' contribution, a panel per group; None without a mechanism."""
     if not diagnosis.named_mechanisms:
         return None
-    row_layout, channel_index = select_settings(diagnosis), find_main_channel(diagnosis)
+    row_layout, channel_index = select_shown_groups(diagnosis), find_main_channel(diagnosis)
     channel = diagnosis.problem.channels[channel_index]
     residual = to_display(
         channel, diagnosis.problem.measured[channel_index] - diagnosis.held_out_errors.before[channel_index]
@@ -176,17 +176,15 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
             for values in (form.values - diagnosis.held_out_errors.before, form.sd)
         )
         contributions.append(("form-error", with_form, sd, OKABE_ITO["orange"]))
-    setting_count = len(row_layout.names)
-    columns = min(2, setting_count) if narrow else setting_count
+    group_count = len(row_layout.names)
+    columns = min(2, group_count) if narrow else group_count
     with apply_theme():
         drawing = create_figure(
-            SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 1.4 + 1.5 * math.ceil(setting_count / columns)
+            SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 1.4 + 1.5 * math.ceil(group_count / columns)
         )
-        grid = drawing.subplots(
-            -(-setting_count // columns), columns, sharex=True, sharey=True, squeeze=False
-        )
+        grid = drawing.subplots(-(-group_count // columns), columns, sharex=True, sharey=True, squeeze=False)
         for k, panel in enumerate(grid.flat):
-            if k >= setting_count:
+            if k >= group_count:
                 panel.set_visible(False)
                 continue
             panel.axhline(0, color=REFERENCE_COLOUR, lw=0.6)

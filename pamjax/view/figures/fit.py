@@ -266,15 +266,15 @@ def plot_held_out(case_fit: CaseFit, narrow: bool = False) -> Figure:
 
 
 def _order_blocks(case_fit: CaseFit) -> list[str]:
-    """Return the blocks with a measured row, sorted by setting if they have one, else by time."""
+    """Return the blocks with a measured row, sorted by level if they have one, else by time."""
     assert case_fit.held_out is not None
     recording, label = case_fit.case.recording, np.array(case_fit.block)
     is_measured = np.isfinite(recording.force) | np.isfinite(recording.diameter)
     names = [name for name in dict.fromkeys(case_fit.block) if name and is_measured[label == name].any()]
-    setting = {"isobars": recording.pressure, "lengths": recording.length}.get(case_fit.held_out.kind)
-    if setting is None:
+    channel = {"isobars": recording.pressure, "lengths": recording.length}.get(case_fit.held_out.kind)
+    if channel is None:
         return names
-    return sorted(names, key=lambda name: float(np.median(setting[label == name])))
+    return sorted(names, key=lambda name: float(np.median(channel[label == name])))
 
 
 def _plot_blocks(panel: Axes, case_fit: CaseFit, channel: str, block_names: list[str]) -> None:

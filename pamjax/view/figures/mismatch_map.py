@@ -21,10 +21,10 @@ from pamjax.diagnosis.result import Diagnosis
 from pamjax.records.levels import assign_levels, find_levels
 from pamjax.view.theme import DOUBLE_COLUMN, SINGLE_COLUMN, apply_theme, create_figure
 
-#: Number of cells along an axis without settings, and largest number of settings with a cell each.
-_AXIS_CELLS, _MAX_SETTINGS = 18, 24
-#: Smallest share of rows at settings for which the cells are the settings.
-_MIN_SHARE_ON_SETTINGS = 0.8
+#: Number of cells along an axis without levels, and largest number of levels with a cell each.
+_AXIS_CELLS, _MAX_LEVEL_CELLS = 18, 24
+#: Smallest share of rows at levels for which the cells are the levels.
+_MIN_ROW_SHARE_ON_LEVELS = 0.8
 #: Smallest share of moving rows for which each direction has a panel.
 _MIN_MOVING_SHARE = 0.5
 #: Smallest range of an axis that is drawn, in its display unit.
@@ -167,7 +167,7 @@ def _select_axes(problem: LibraryProblem, coordinates: RecordingAxes) -> tuple[M
     """Return the first two of contraction, pressure and time that vary, x first."""
     time_label = "time [s]" if problem.case.recording.has_time else "row"
     rest_length = problem.case.muscle_toml.rest_length.value
-    # Combine all rows of a length setting in one cell, because length noise is not a stroke.
+    # Combine all rows of a length level in one cell, because length noise is not a stroke.
     contractions = 100 * (1 - find_levels(problem.case.recording.length)[::-1] / rest_length)
     all_axes = [
         _build_axis("contraction [%]", "contraction", 100.0, coordinates.contraction, contractions),
@@ -189,8 +189,8 @@ def _build_axis(label: str, field: str, scale: float, values: np.ndarray, levels
     values = scale * values
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     if (
-        1 < len(levels) <= _MAX_SETTINGS
-        and np.mean(assign_levels(values, levels) >= 0) > _MIN_SHARE_ON_SETTINGS
+        1 < len(levels) <= _MAX_LEVEL_CELLS
+        and np.mean(assign_levels(values, levels) >= 0) > _MIN_ROW_SHARE_ON_LEVELS
     ):
         middle = (levels[1:] + levels[:-1]) / 2
         outer_edges = [2 * levels[0] - middle[0], 2 * levels[-1] - middle[-1]]

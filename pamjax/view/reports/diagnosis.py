@@ -26,7 +26,7 @@ from pamjax.view.figures import diagnosis as figures
 from pamjax.view.figures.diagnosis_loops import (
     plot_explained_residuals,
     plot_loops,
-    select_settings,
+    select_shown_groups,
 )
 from pamjax.view.figures.mismatch_map import list_other_channels, plot_map
 from pamjax.view.reports.diagnosis_answer import (
@@ -122,7 +122,7 @@ def _build_region_row(diagnosis: Diagnosis, number: int, region: dict[str, Any])
 
 def _list_groups(diagnosis: Diagnosis) -> list[str]:
     """Return the isobars or lengths of the loops, which the page can show one by one."""
-    names = list(select_settings(diagnosis).names)
+    names = list(select_shown_groups(diagnosis).names)
     return names if len(names) > 1 else []
 
 

@@ -159,8 +159,8 @@ def _list_rig_rows(plan: Plan) -> list[list[str]]:
         for name, sd in capabilities.channel_sds.items()
     ]
     length = ["noise of length, per row", format_quantity(capabilities.length_sd, "mm", 2)]
-    if capabilities.length_setting_sd:
-        length = ["error of length, per setting", format_quantity(capabilities.length_setting_sd, "mm", 2)]
+    if capabilities.length_level_sd:
+        length = ["error of length, per setting", format_quantity(capabilities.length_level_sd, "mm", 2)]
     return [
         *rows,
         ["noise of pressure, per row", format_quantity(capabilities.pressure_sd, "kPa", 2)],

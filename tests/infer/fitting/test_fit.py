@@ -232,7 +232,7 @@ def test_soft_loss_is_quadratic_near_zero_and_linear_far_away():
 
 @pytest.mark.slow
 def test_ruler_errors_are_estimated_and_parameters_without_sd_are_fixed():
-    ruler = dataclasses.replace(SENSORS, length=1e-3, length_per_setting=True)
+    ruler = dataclasses.replace(SENSORS, length=1e-3, length_per_level=True)
     case = made(plan=RAMPS, bench=ruler, sensors=ruler, seed=4, turns=MeasuredValue(TRUE["muscle.turns"]))
     fitted = fit(case, **QUICK)
     assert [n for n in fitted.estimates if n in TRUE] == ["muscle.thread_length", "thread.modulus"]

@@ -93,7 +93,7 @@ def test_bladder_sensors_and_columns():
         + '[columns]\nforce = "Load (lbf)"\n'
     )
     assert muscle_toml.bladder == Bladder(MeasuredValue(0.019), None, MeasuredValue(1.2e6, 0.3e6))
-    assert muscle_toml.sensors == Sensors(force=2.0, pressure=700.0, length=1e-3, length_per_setting=True)
+    assert muscle_toml.sensors == Sensors(force=2.0, pressure=700.0, length=1e-3, length_per_level=True)
     assert muscle_toml.columns == {"force": "Load (lbf)"}
 
 

@@ -1,4 +1,4 @@
-"""Options of the form name=value: parameters of mechanisms, and settings of single cases."""
+"""Options of the form name=value: parameters of mechanisms, and words for single cases."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pamjax.records.case import Case
 
 
-def parse_settings(texts: Iterable[str]) -> dict[str, float]:
+def parse_parameter_values(texts: Iterable[str]) -> dict[str, float]:
     """Return values by parameter name, SI.
 
     Args:
@@ -22,10 +22,10 @@ def parse_settings(texts: Iterable[str]) -> dict[str, float]:
     Raises:
         BadInput: for an unknown parameter, a missing or wrong unit, or a value outside the limits.
     """
-    return dict(_parse_setting(text) for text in texts)
+    return dict(_parse_parameter_value(text) for text in texts)
 
 
-def _parse_setting(text: str) -> tuple[str, float]:
+def _parse_parameter_value(text: str) -> tuple[str, float]:
     from pamjax.model.parameters import find_meaning
 
     name, equals, quantity = text.partition("=")
@@ -45,7 +45,7 @@ def _parse_setting(text: str) -> tuple[str, float]:
 
 
 def read_cases(cases: Sequence[Path], gaps: Sequence[str] | None, before: Sequence[str] | None) -> list[Case]:
-    """Read case folders with their settings of `--gaps` and `--before`.
+    """Read case folders with their words of `--gaps` and `--before`.
 
     Raises:
         BadInput: as `read_case` and `assign_to_cases`.
@@ -63,13 +63,13 @@ def read_cases(cases: Sequence[Path], gaps: Sequence[str] | None, before: Sequen
 def assign_to_cases(
     cases: Sequence[Path], option_words: Sequence[str] | None, default: str, option: str
 ) -> list[str]:
-    """Return the setting of each case: "word" is for all cases, "name=word" for one.
+    """Return the word of an option for each case: "word" is for all cases, "name=word" for one.
 
     Raises:
         BadInput: for an unknown case.
     """
     words = dict.fromkeys((folder.resolve().name for folder in cases), default)
-    # A setting of one case overrides a setting of all cases, in any order.
+    # A word for one case overrides a word for all cases, in any order.
     for text in sorted(option_words or (), key=lambda text: "=" in text):
         name, equals, word = text.partition("=")
         if not equals:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pamjax.cli.settings import assign_to_cases
+from pamjax.cli.name_value_options import assign_to_cases
 from pamjax.errors import BadInput
 
 CASES = [Path("labs/first"), Path("labs/second"), Path("third")]
