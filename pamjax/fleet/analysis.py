@@ -14,9 +14,9 @@ from pamjax.fleet.copies import drop_copies, find_copies
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frames import select_rows
 from pamjax.fleet.frequency import BENCH_P_VALUE, BenchFrequency, count_limits, count_mechanisms
-from pamjax.fleet.pooling import MIN_SPECIMENS, PooledNumber, pool_estimates
+from pamjax.fleet.pooling import MIN_SPECIMENS, PooledParameter, pool_estimates
 from pamjax.fleet.regression import Slope, fit_slope
-from pamjax.fleet.specimens import SpecimenEstimates, combine_recordings, number_specimens
+from pamjax.fleet.specimens import SpecimenEstimates, combine_recordings, index_specimens
 from pamjax.fleet.unexplained import UnexplainedSummary, summarise_unexplained
 from pamjax.model.parameters import LENGTH_ERROR_PREFIX
 
@@ -27,12 +27,12 @@ DAYS_PER_YEAR = 365.25
 
 
 @dataclass(frozen=True, eq=False)
-class NumberDistribution:
-    """Distribution of one number over the specimens of one type.
+class ParameterDistribution:
+    """Distribution of one parameter over the specimens of one type.
 
     Attributes:
         type: type of the muscle.
-        name, unit: the number and its display unit.
+        name, unit: the parameter and its display unit.
         estimates: estimate of each specimen, in the order of the arrays in `pooled`.
         pooled: the distribution.
         shares_prior: whether a prior that several specimens share was taken out.
@@ -49,7 +49,7 @@ class NumberDistribution:
     name: str
     unit: str
     estimates: SpecimenEstimates
-    pooled: PooledNumber
+    pooled: PooledParameter
     shares_prior: bool
     unusable_count: int
     benches: dict[str, Slope]
@@ -65,14 +65,14 @@ class FleetAnswers:
     """Answers about a fleet.
 
     Attributes:
-        distributions: one for each type and number with enough specimens.
+        distributions: one for each type and parameter with enough specimens.
         mechanisms: frequency of each identified mechanism.
-        limits: frequency of each number that is at its limit.
+        limits: frequency of each parameter that is at its limit.
         unexplained: what remains unexplained.
         copies: groups of cases with identical inputs; the first of each counts.
     """
 
-    distributions: tuple[NumberDistribution, ...]
+    distributions: tuple[ParameterDistribution, ...]
     mechanisms: tuple[BenchFrequency, ...]
     limits: tuple[BenchFrequency, ...]
     unexplained: UnexplainedSummary
@@ -80,8 +80,8 @@ class FleetAnswers:
 
 
 @dataclass(frozen=True, eq=False)
-class _NumberGroup:
-    """Usable estimates of one number of one type, and the rows of their cases in the same order."""
+class _ParameterGroup:
+    """Usable estimates of one parameter of one type, and the rows of their cases in the same order."""
 
     type: str
     name: str
@@ -107,34 +107,36 @@ def analyse_fleet(fleet: Fleet) -> FleetAnswers:
     )
 
 
-def _list_groups(fleet: Fleet) -> list[_NumberGroup]:
-    """Return the numbers with usable estimates of enough specimens, by type and name."""
-    numbers = select_rows(fleet.numbers, fleet.numbers["source"] == "fit")
-    if numbers.empty:
-        # A diagnosis does not state its priors, so that its numbers are used only in a store without fits.
-        numbers = select_rows(fleet.numbers, fleet.numbers["source"] == "diagnose")
-    specimens = number_specimens(fleet.cases)
+def _list_groups(fleet: Fleet) -> list[_ParameterGroup]:
+    """Return the parameters with usable estimates of enough specimens, by type and name."""
+    parameters = select_rows(fleet.numbers, fleet.numbers["source"] == "fit")
+    if parameters.empty:
+        # A diagnosis does not state its priors, so that its parameters are used only in a store without fits.
+        parameters = select_rows(fleet.numbers, fleet.numbers["source"] == "diagnose")
+    specimens = index_specimens(fleet.cases)
     positions = {case: k for k, case in enumerate(fleet.cases["case"])}
-    numbers = numbers.assign(specimen=[specimens[case] for case in numbers["case"]])
+    parameters = parameters.assign(specimen=[specimens[case] for case in parameters["case"]])
     types = dict(zip(fleet.cases["case"], fleet.cases["type"].fillna(""), strict=True))
     places: dict[tuple[str, str], list[int]] = {}
-    for k, (case, name) in enumerate(zip(numbers["case"], numbers["name"], strict=True)):
+    for k, (case, name) in enumerate(zip(parameters["case"], parameters["name"], strict=True)):
         # The error of one length level is no property of a specimen.
         if not name.startswith(LENGTH_ERROR_PREFIX):
             places.setdefault((types[case], name), []).append(k)
     groups = []
     for (kind, name), rows in sorted(places.items()):
-        table = numbers.iloc[rows]
+        table = parameters.iloc[rows]
         usable, shares_prior = extract_estimates(table)
         case_rows = fleet.cases.iloc[[positions[case] for case in usable["case"]]]
         if len(set(usable["specimen"])) >= MIN_SPECIMENS:
             estimates, unit = combine_recordings(usable, case_rows), str(table["unit"].iloc[0])
             unusable_count = len(table) - len(usable)
-            groups.append(_NumberGroup(kind, name, unit, case_rows, estimates, shares_prior, unusable_count))
+            groups.append(
+                _ParameterGroup(kind, name, unit, case_rows, estimates, shares_prior, unusable_count)
+            )
     return groups
 
 
-def _build_distribution(group: _NumberGroup, group_count: int, bench_count: int) -> NumberDistribution:
+def _build_distribution(group: _ParameterGroup, group_count: int, bench_count: int) -> ParameterDistribution:
     estimates = group.estimates
     benches = _compare_benches(estimates, group.cases["bench"].tolist())
     order_name, order = _find_order(group.cases)
@@ -143,7 +145,7 @@ def _build_distribution(group: _NumberGroup, group_count: int, bench_count: int)
         order = estimates.average(order)
         stated = np.isfinite(order)
         drift = fit_slope(estimates.value[stated], estimates.sd[stated], order[stated])
-    return NumberDistribution(
+    return ParameterDistribution(
         type=group.type,
         name=group.name,
         unit=group.unit,

@@ -8,7 +8,7 @@ out, which leaves the recording's own estimate (normal approximation):
 
 A prior that one specimen alone states is a measurement of this specimen, for example of its thread length.
 It stays in the estimate, and in one of several recordings of this specimen. A recording that has less
-information than a prior to take out is left out. Numbers without a prior stay as they are.
+information than a prior to take out is left out. Parameters without a prior stay as they are.
 Derived here from the product of two normal densities.
 """
 
@@ -19,22 +19,23 @@ import pandas as pd
 
 from pamjax.fleet.frames import select_rows
 
-#: Largest ratio s/p: the recording has at least as much information on the number as the prior.
+#: Largest ratio s/p: the recording has at least as much information on the parameter as the prior.
 _MAX_SD_RATIO = 0.7
 #: Number of decimal digits in which two equal priors agree.
 _PRIOR_DIGITS = 9
 
 
 def extract_estimates(table: pd.DataFrame) -> tuple[pd.DataFrame, bool]:
-    """Return the estimates of one number that are usable for a distribution over specimens.
+    """Return the estimates of one parameter that are usable for a distribution over specimens.
 
     Args:
         table: rows of `Fleet.numbers` of one name and one source, with the column `specimen` from
-            `number_specimens`.
+            `index_specimens`.
 
     Returns:
-        columns `case`, `specimen`, `value` and `sd`, and whether specimens share a prior. Numbers at a limit
-        and numbers without sd are left out, and those with less information than a prior that was taken out.
+        columns `case`, `specimen`, `value` and `sd`, and whether specimens share a prior. Estimates at a
+        limit and estimates without sd are left out, and those with less information than a prior that was
+        taken out.
     """
     usable = table["sd"].gt(0) & np.isfinite(table["value"]) & ~table["at_limit"].fillna(False).astype(bool)
     rows = select_rows(table, usable)

@@ -25,7 +25,7 @@ class Fleet:
         folder: folder of the store.
         name: name of the fleet.
         cases: one row for each case: origin, state, errors and noise, unexplained part.
-        numbers: one row for each calibrated number of a case, in its display unit.
+        numbers: one row for each calibrated parameter of a case, in its display unit.
         mechanisms: one row for each identified mechanism of a case.
         regions: one row for each region with unexplained misfit.
         tasks: one row for each task, with its computing time in s.
@@ -42,7 +42,7 @@ class Fleet:
     settings: dict[str, Any] = field(repr=False, default_factory=dict)
 
     def to_xarray(self, source: str = "fit") -> xr.Dataset:
-        """Return value and sd of the calibrated numbers as an xarray Dataset over case and number.
+        """Return value and sd of the calibrated parameters as an xarray Dataset over case and number.
 
         Args:
             source: "fit", "diagnose" for the baseline of a diagnosis, or "mechanism".

@@ -1,4 +1,4 @@
-"""How often a mechanism is identified, or a number is at its limit: for each type and bench."""
+"""How often a mechanism is identified, or a parameter is at its limit: for each type and bench."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ BENCH_P_VALUE = 0.05
 
 @dataclass(frozen=True)
 class BenchFrequency:
-    """Number of recordings of one type in which a mechanism is identified, or a number is at its limit.
+    """Number of recordings of one type in which a mechanism is identified, or a parameter is at its limit.
 
     Attributes:
         type: type of the muscle.
-        id: the mechanism or the number.
+        id: the mechanism or the parameter.
         count, total: affected recordings, and all diagnosed or fitted ones of this type.
         interval: exact 95 % interval of the share (Clopper and Pearson).
         by_bench: count and total of each bench.
@@ -52,17 +52,18 @@ def count_mechanisms(cases: pd.DataFrame, mechanisms: pd.DataFrame) -> list[Benc
     return _count_all(diagnosed, affected)
 
 
-def count_limits(cases: pd.DataFrame, numbers: pd.DataFrame) -> list[BenchFrequency]:
-    """Return how often each number of a fit is at its limit in each type, most frequent first.
+def count_limits(cases: pd.DataFrame, parameters: pd.DataFrame) -> list[BenchFrequency]:
+    """Return how often each parameter of a fit is at its limit in each type, most frequent first.
 
-    A wrong gauge may drive a number to its limit on one bench.
+    A wrong gauge may drive a parameter to its limit on one bench.
 
     Args:
-        cases, numbers: tables of a `Fleet`.
+        cases: `Fleet.cases`; only fitted ones count.
+        parameters: `Fleet.numbers`.
     """
     fitted = select_rows(cases, cases["converged"].notna())
-    is_fit = numbers["source"] == "fit"
-    at_limit = select_rows(numbers, is_fit & numbers["at_limit"].fillna(False).astype(bool))
+    is_fit = parameters["source"] == "fit"
+    at_limit = select_rows(parameters, is_fit & parameters["at_limit"].fillna(False).astype(bool))
     affected: dict[str, set[str]] = {}
     for case, name in zip(at_limit["case"], at_limit["name"], strict=True):
         affected.setdefault(str(name), set()).add(str(case))

@@ -1,4 +1,4 @@
-"""Partial pooling: the distribution of a number over specimens, without the specimens' own uncertainty.
+"""Partial pooling: the distribution of a parameter over specimens, without the specimens' own uncertainty.
 
 Specimen i has the estimate yᵢ ± sᵢ and the true value θᵢ:
 
@@ -6,7 +6,7 @@ Specimen i has the estimate yᵢ ± sᵢ and the true value θᵢ:
 
 The sd between specimens τ has the largest restricted likelihood ℓ(τ) of `restricted_likelihood.py`. Its
 interval has all values with ℓ within 1.92 of the maximum (95 %). The estimate of a specimen moves towards the
-mean by its share sᵢ² / (τ² + sᵢ²). Neglected: correlation between the numbers of one specimen, and
+mean by its share sᵢ² / (τ² + sᵢ²). Neglected: correlation between the parameters of one specimen, and
 distributions with heavy tails.
 
 Source: A. Gelman et al., Bayesian Data Analysis, 3rd ed. (2013), section 5.4.
@@ -35,8 +35,8 @@ _OUTLIER_P_VALUE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class PooledNumber:
-    """Distribution of one number over specimens.
+class PooledParameter:
+    """Distribution of one parameter over specimens.
 
     Attributes:
         mean, mean_sd: mean over specimens and its sd.
@@ -70,7 +70,7 @@ class PooledNumber:
         return self.p_value * len(self.p_value) * self.distribution_count < _OUTLIER_P_VALUE
 
 
-def pool_estimates(estimate: np.ndarray, sd: np.ndarray, distribution_count: int = 1) -> PooledNumber:
+def pool_estimates(estimate: np.ndarray, sd: np.ndarray, distribution_count: int = 1) -> PooledParameter:
     """Return the distribution over specimens.
 
     Args:
@@ -90,7 +90,7 @@ def pool_estimates(estimate: np.ndarray, sd: np.ndarray, distribution_count: int
         raise BadInput.from_rule(f"a distribution needs {MIN_SPECIMENS} specimens", f"{len(estimate)}")
     if not (np.isfinite(estimate).all() and np.isfinite(sd).all() and (sd > 0).all()):
         raise BadInput.from_rule("estimates must be finite, and their sd positive")
-    # Relative to its median, a number with a large mean keeps its digits.
+    # Relative to its median, a parameter with a large mean keeps its digits.
     centre, scale = float(np.median(estimate)), float(np.ptp(estimate) + sd.max())
     y, s = (estimate - centre) / scale, sd / scale
     tau, interval = maximise_likelihood(y, s)
@@ -98,7 +98,7 @@ def pool_estimates(estimate: np.ndarray, sd: np.ndarray, distribution_count: int
     mean, mean_sd = float(coefficients[0]), float(covariance[0, 0] ** 0.5)
     share = s**2 / (s**2 + tau**2)
     deviation, p_value = _compare_with_others(y, s)
-    return PooledNumber(
+    return PooledParameter(
         mean=centre + scale * mean,
         mean_sd=scale * mean_sd,
         between_sd=scale * tau,

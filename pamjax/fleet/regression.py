@@ -21,12 +21,12 @@ _MIN_REGRESSION_SPECIMENS = 5
 
 @dataclass(frozen=True)
 class Slope:
-    """Change of a number with a quantity.
+    """Change of a parameter with a quantity.
 
     Attributes:
         value, sd: change for one unit of the quantity.
         p_value: two-sided, of no change.
-        intercept: value of the number where the quantity is zero.
+        intercept: value of the parameter where the quantity is zero.
     """
 
     value: float
@@ -36,7 +36,7 @@ class Slope:
 
 
 def fit_slope(estimate: np.ndarray, sd: np.ndarray, x: np.ndarray) -> Slope | None:
-    """Return the change of a number with x, or None with too few specimens or one value of x only.
+    """Return the change of a parameter with x, or None with too few specimens or one value of x only.
 
     Args:
         estimate, sd: (n,) estimates of the specimens and their sd.

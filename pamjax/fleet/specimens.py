@@ -18,7 +18,7 @@ import pandas as pd
 
 @dataclass(frozen=True, eq=False)
 class SpecimenEstimates:
-    """Estimates of one number, one for each specimen.
+    """Estimates of one parameter, one for each specimen.
 
     Attributes:
         names: name of each specimen: of its case, or its serial number with several recordings.
@@ -46,17 +46,17 @@ class SpecimenEstimates:
         return np.bincount(self.place, self.weight * quantity) / np.bincount(self.place, self.weight)
 
 
-def number_specimens(cases: pd.DataFrame) -> dict[str, int]:
-    """Return the number of the specimen of each case; cases of one type and serial number have the same.
+def index_specimens(cases: pd.DataFrame) -> dict[str, int]:
+    """Return the index of the specimen of each case; cases of one type and serial number have the same.
 
     Args:
         cases: `Fleet.cases`. A case without a serial number is a specimen of its own.
     """
-    numbers: dict[tuple[str, ...], int] = {}
+    index_by_key: dict[tuple[str, ...], int] = {}
     specimens = {}
     for case, kind, serial in zip(cases["case"], cases["type"].fillna(""), cases["serial"], strict=True):
         key = (case,) if pd.isna(serial) else (kind, serial)
-        specimens[str(case)] = numbers.setdefault(key, len(numbers))
+        specimens[str(case)] = index_by_key.setdefault(key, len(index_by_key))
     return specimens
 
 
@@ -67,9 +67,9 @@ def combine_recordings(estimates: pd.DataFrame, cases: pd.DataFrame) -> Specimen
         estimates: columns `case`, `specimen`, `value` and `sd`, one row for each recording.
         cases: the rows of `Fleet.cases` of these recordings, in their order.
     """
-    place, numbers = pd.factorize(estimates["specimen"])
+    place, specimens = pd.factorize(estimates["specimen"])
     weight = estimates["sd"].to_numpy(float) ** -2.0
-    groups = [np.flatnonzero(place == k) for k in range(len(numbers))]
+    groups = [np.flatnonzero(place == k) for k in range(len(specimens))]
     names, serials, benches = (cases[column].tolist() for column in ("case", "serial", "bench"))
     total = np.bincount(place, weight)
     return SpecimenEstimates(

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pamjax.fleet.analysis import FleetAnswers, NumberDistribution
+from pamjax.fleet.analysis import FleetAnswers, ParameterDistribution
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frequency import BenchFrequency
 from pamjax.fleet.pooling import MIN_SPECIMENS
@@ -54,7 +54,7 @@ def _format_quiet_result(answers: FleetAnswers) -> str:
         return "No outlier, no difference between benches and no drift."
     return (
         f"No specimens were compared: fewer than {MIN_SPECIMENS} of one type have an estimate of the same"
-        " number."
+        " parameter."
     )
 
 
@@ -67,7 +67,7 @@ def _format_bench_frequency(frequency: BenchFrequency, condition: str) -> Iterat
     """Yield a sentence for each bench on which a condition is more or less frequent.
 
     Args:
-        frequency: the frequency of a mechanism, or of a number at its limit.
+        frequency: the frequency of a mechanism, or of a parameter at its limit.
         condition: "identified" or "at its limit".
     """
     kind = f" of {frequency.type}" if frequency.type else ""
@@ -80,8 +80,8 @@ def _format_bench_frequency(frequency: BenchFrequency, condition: str) -> Iterat
         )
 
 
-def _format_bench_differences(distribution: NumberDistribution) -> Iterator[str]:
-    """Yield a sentence for each bench whose specimens differ in a number."""
+def _format_bench_differences(distribution: ParameterDistribution) -> Iterator[str]:
+    """Yield a sentence for each bench whose specimens differ in a parameter."""
     for bench in distribution.deviating_benches:
         slope = distribution.benches[bench]
         direction = "higher" if slope.value > 0 else "lower"
@@ -92,8 +92,8 @@ def _format_bench_differences(distribution: NumberDistribution) -> Iterator[str]
         )
 
 
-def format_outliers(distribution: NumberDistribution) -> Iterator[str]:
-    """Yield a sentence about each outlier of a number, the farthest first."""
+def format_outliers(distribution: ParameterDistribution) -> Iterator[str]:
+    """Yield a sentence about each outlier of a parameter, the farthest first."""
     pooled = distribution.pooled
     places = [int(k) for k in np.argsort(-np.abs(pooled.deviation)) if pooled.outliers[k]]
     for k in places[:_MAX_NAMED_SPECIMENS]:
@@ -108,7 +108,7 @@ def format_outliers(distribution: NumberDistribution) -> Iterator[str]:
         yield f"{name_distribution(distribution)} has {rest}."
 
 
-def _format_drift(distribution: NumberDistribution) -> Iterator[str]:
+def _format_drift(distribution: ParameterDistribution) -> Iterator[str]:
     """Yield a sentence about a significant drift."""
     if distribution.drift is None or not distribution.drifts:
         return
@@ -138,8 +138,8 @@ def _format_unexplained(answers: FleetAnswers) -> Iterator[str]:
         )
 
 
-def format_distribution(distribution: NumberDistribution) -> str:
-    """Return mean and sd between specimens of a number in one sentence."""
+def format_distribution(distribution: ParameterDistribution) -> str:
+    """Return mean and sd between specimens of a parameter in one sentence."""
     pooled, unit = distribution.pooled, distribution.unit
     low, high = pooled.between_interval
     spread = (
@@ -152,13 +152,13 @@ def format_distribution(distribution: NumberDistribution) -> str:
     return f"{name_distribution(distribution)}: {mean}, {spread}, {len(pooled.estimate)} specimens"
 
 
-def name_distribution(distribution: NumberDistribution) -> str:
-    """Return the name of a number with the type of its muscles."""
+def name_distribution(distribution: ParameterDistribution) -> str:
+    """Return the name of a parameter with the type of its muscles."""
     return f"{distribution.name} of {distribution.type}" if distribution.type else distribution.name
 
 
 def name_frequency(frequency: BenchFrequency) -> str:
-    """Return a mechanism, or a number at its limit, with the type of its muscles."""
+    """Return a mechanism, or a parameter at its limit, with the type of its muscles."""
     return f"{frequency.id} of {frequency.type}" if frequency.type else frequency.id
 
 

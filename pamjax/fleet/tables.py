@@ -1,4 +1,4 @@
-"""Tables of a fleet: one row for each case, calibrated number and identified mechanism.
+"""Tables of a fleet: one row for each case, calibrated parameter and identified mechanism.
 
 The tables follow from the files of the cases alone. Equal results therefore give equal tables, in whatever
 order the tasks ran. Times are in a table of their own.
@@ -224,20 +224,20 @@ def _find_report(store: FleetStore, case: str, stages: list[str]) -> str | None:
 
 
 def _read_fit(case: str, document: dict[str, Any], rows: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
-    """Append the numbers of a fit, and return its entries in the row of the case."""
+    """Append the parameters of a fit, and return its entries in the row of the case."""
     rows["numbers"] += [
         {
             "case": case,
             "source": "fit",
             "name": name,
-            "value": number["value"],
-            "sd": number["sd"],
-            "unit": number["unit"],
-            "prior": number["prior"]["value"],
-            "prior_sd": number["prior"]["sd"],
-            "at_limit": number["at_limit"],
+            "value": parameter["value"],
+            "sd": parameter["sd"],
+            "unit": parameter["unit"],
+            "prior": parameter["prior"]["value"],
+            "prior_sd": parameter["prior"]["sd"],
+            "at_limit": parameter["at_limit"],
         }
-        for name, number in document["parameters"].items()
+        for name, parameter in document["parameters"].items()
     ]
     (case_entry,) = document["cases"].values()
     row = {"law": document["law"], "converged": document["converged"], "rows": case_entry["rows"]}
@@ -266,10 +266,10 @@ def _read_diagnosis(
                 "indistinguishable_from": ", ".join(mechanism["indistinguishable_from"]) or None,
             }
         )
-        rows["numbers"] += list(_list_mechanism_numbers(case, mechanism))
+        rows["numbers"] += list(_list_mechanism_parameters(case, mechanism))
     rows["numbers"] += [
-        _build_number(case, "diagnose", name, number)
-        for name, number in document["baseline"]["parameters"].items()
+        _build_parameter_row(case, "diagnose", name, parameter)
+        for name, parameter in document["baseline"]["parameters"].items()
     ]
     unexplained = document["unexplained"]
     rows["regions"] += [_build_region(case, box) for box in unexplained["where"]]
@@ -285,13 +285,13 @@ def _read_diagnosis(
     }
 
 
-def _list_mechanism_numbers(case: str, mechanism: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    for name, number in mechanism["parameters"].items():
-        yield _build_number(case, "mechanism", f"{mechanism['id']}.{name}", number)
+def _list_mechanism_parameters(case: str, mechanism: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    for name, parameter in mechanism["parameters"].items():
+        yield _build_parameter_row(case, "mechanism", f"{mechanism['id']}.{name}", parameter)
 
 
-def _build_number(case: str, source: str, name: str, number: dict[str, Any]) -> dict[str, Any]:
-    return {"case": case, "source": source, "name": name} | {k: number[k] for k in ("value", "sd", "unit")}
+def _build_parameter_row(case: str, source: str, name: str, parameter: dict[str, Any]) -> dict[str, Any]:
+    return {"case": case, "source": source, "name": name} | {k: parameter[k] for k in ("value", "sd", "unit")}
 
 
 def _build_region(case: str, box: dict[str, Any]) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from pamjax.units import compute_si_factor, format_quantity, parse_number
 _DEFAULT_GOALS, _DEFAULT_PRECISION = ("thread.modulus", "thread.stiffness"), 0.05
 
 #: Goal that means all parameters of the muscle together.
-ALL_NUMBERS = "all"
+ALL_PARAMETERS = "all"
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Plan(NotebookNote):
     def sd(self) -> float:
         """Return the expected standard deviation of the goal, SI; for "all", of the first parameter."""
         return self.expected_sds[
-            next(iter(self.expected_sds)) if self.goal == ALL_NUMBERS else self.goal
+            next(iter(self.expected_sds)) if self.goal == ALL_PARAMETERS else self.goal
         ].sd_after
 
     def schedule(self) -> pd.DataFrame:
@@ -104,18 +104,18 @@ class Plan(NotebookNote):
         """Return the plan as it is written to plan.json, in display units."""
 
         def describe(name: str, expected: ExpectedSd) -> dict[str, Any]:
-            number_meaning = find_meaning(name)
-            scale = compute_si_factor(number_meaning.show)
+            meaning = find_meaning(name)
+            scale = compute_si_factor(meaning.show)
             return {
                 "value": expected.value / scale,
                 "sd_before": expected.sd_before / scale if math.isfinite(expected.sd_before) else None,
                 "sd_after": expected.sd_after / scale,
-                "unit": number_meaning.show,
+                "unit": meaning.show,
             }
 
         from pamjax.planning.report import format_plan_sentence
 
-        scale = 1.0 if self.goal == ALL_NUMBERS else compute_si_factor(find_meaning(self.goal).show)
+        scale = 1.0 if self.goal == ALL_PARAMETERS else compute_si_factor(find_meaning(self.goal).show)
         return {
             "schema": "pamjax.plan/1",
             "muscle": self.prior.muscle_toml.name,
@@ -196,7 +196,7 @@ def plan(
     sds_after = _compute_sds(prior, run_menu.compute_information(counts))
     total_minutes = float(counts @ run_menu.minutes)
     single_channel = {}
-    if len(capabilities.channels) > 1 and goal != ALL_NUMBERS:
+    if len(capabilities.channels) > 1 and goal != ALL_PARAMETERS:
         for channel in capabilities.channels:
             channel_prior = build_prior_information(
                 muscle_toml, capabilities.keep_channel(channel), law, case
@@ -212,7 +212,7 @@ def plan(
     isobar_sds = _compute_isobar_sds(prior, run_menu, total_minutes)
     indices = (
         prior.muscle_indices
-        if goal == ALL_NUMBERS
+        if goal == ALL_PARAMETERS
         else [prior.find_index(goal), *(k for k in prior.muscle_indices if k != prior.find_index(goal))]
     )
     sds_before = _compute_sds(prior, run_menu.prior_matrix)
@@ -248,17 +248,17 @@ def _build_menu(
         raise BadInput.from_rule(rule, got, remedy="Increase `minutes`.")
     draws = prior.draw_parameters(seed=seed)
     run_matrices = np.stack([prior.compute_run_information(offered_runs, values) for values in draws], axis=1)
-    k = 0 if goal == ALL_NUMBERS else prior.find_index(goal)
+    k = 0 if goal == ALL_PARAMETERS else prior.find_index(goal)
     return RunMenu(
         prior_matrix=np.broadcast_to(prior.matrix, (len(draws), *prior.matrix.shape)),
         run_matrices=run_matrices,
         minutes=np.array([run.minutes for run in offered_runs]),
         once_only=np.array([not run.is_repeatable for run in offered_runs]),
         criterion=build_volume_criterion(prior.muscle_indices)
-        if goal == ALL_NUMBERS
+        if goal == ALL_PARAMETERS
         else build_variance_criterion(k),
         budget=prior.capabilities.minutes,
-        goal=0.0 if goal == ALL_NUMBERS else (target_sd / prior.scale[k]) ** 2,
+        goal=0.0 if goal == ALL_PARAMETERS else (target_sd / prior.scale[k]) ** 2,
     ), offered_runs
 
 
@@ -284,15 +284,15 @@ def _compute_isobar_sds(prior: PriorInformation, run_menu: RunMenu, minutes: flo
 
 def _resolve_goal(own_names: list[str], goal: str | None) -> str:
     if goal is None:
-        goal = next((name for name in _DEFAULT_GOALS if name in own_names), ALL_NUMBERS)
-    if goal != ALL_NUMBERS and goal not in own_names:
+        goal = next((name for name in _DEFAULT_GOALS if name in own_names), ALL_PARAMETERS)
+    if goal != ALL_PARAMETERS and goal not in own_names:
         rule = f"{goal!r} is no free parameter of this muscle"
-        raise BadInput.from_rule(rule, remedy=suggest_word(goal, [*own_names, ALL_NUMBERS]))
+        raise BadInput.from_rule(rule, remedy=suggest_word(goal, [*own_names, ALL_PARAMETERS]))
     return goal
 
 
 def _resolve_target_sd(prior: PriorInformation, goal: str, to: str | float | None) -> float:
-    if goal == ALL_NUMBERS:
+    if goal == ALL_PARAMETERS:
         if to is not None:
             raise BadInput.from_rule("the goal `all` has no wanted standard deviation", f"{to} in `to`")
         return 0.0

@@ -161,12 +161,12 @@ def read_capabilities(
     file, error_sds, plain_fields = rig.name if rig else "the rig", dict(capabilities.error_sds), {}
     for name, value in rig_entries.items():
         if name in ERROR_ENTRIES:
-            number, unit = ERROR_ENTRIES[name]
+            parameter, unit = ERROR_ENTRIES[name]
             if unit != "1" and not isinstance(value, str):
                 raise BadInput.from_rule(
                     f"rig entry `{name}` needs a unit", str(value), file, f'Write "{value} {unit}".'
                 )
-            error_sds[number] = parse_number(str(value), unit, f"{name} of {file}")
+            error_sds[parameter] = parse_number(str(value), unit, f"{name} of {file}")
         elif name in ENTRY_KINDS:
             plain_fields[_FIELDS.get(name, name)] = _parse_entry(name, value, file)
         else:
@@ -194,14 +194,14 @@ def _parse_entry(name: str, value: Any, file: str) -> float | None:
         )
     if name == "minutes" and isinstance(value, str):
         value = parse_quantity(value, "time", f"{name} of {file}") / 60
-    number = parse_quantity(value, ENTRY_KINDS[name], f"{name} of {file}")
-    if name == "contraction" and number >= _MAX_RIG_CONTRACTION:
+    quantity = parse_quantity(value, ENTRY_KINDS[name], f"{name} of {file}")
+    if name == "contraction" and quantity >= _MAX_RIG_CONTRACTION:
         raise BadInput.from_rule(
             f"rig entry `contraction` must be a fraction below {_MAX_RIG_CONTRACTION:g}", f"{value}", file
         )
-    if number < 0 or (number == 0 and name not in ("setup", "correlation_time")):
+    if quantity < 0 or (quantity == 0 and name not in ("setup", "correlation_time")):
         raise BadInput.from_rule(f"rig entry `{name}` must be positive", f"{value}", file)
-    return number
+    return quantity
 
 
 def _read_rig_file(path: Path) -> dict[str, Any]:

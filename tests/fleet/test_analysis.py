@@ -49,7 +49,7 @@ def test_identical_cases_count_once(tmp_path):
 
 def test_fleet_without_a_comparison_says_so(tmp_path):
     assert list_findings(answer(tmp_path, draw(2))) == [
-        "No specimens were compared: fewer than 3 of one type have an estimate of the same number."
+        "No specimens were compared: fewer than 3 of one type have an estimate of the same parameter."
     ]
 
 

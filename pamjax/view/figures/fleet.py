@@ -1,4 +1,4 @@
-"""Figures of a fleet: a ridge of a number over specimens, mechanisms by case, and a control chart."""
+"""Figures of a fleet: a ridge of a parameter over specimens, mechanisms by case, and a control chart."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pamjax.fleet.analysis import DAYS_PER_YEAR, FleetAnswers, NumberDistribution
+from pamjax.fleet.analysis import DAYS_PER_YEAR, FleetAnswers, ParameterDistribution
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frames import list_rows, select_rows
 from pamjax.fleet.frequency import BenchFrequency
@@ -42,7 +42,7 @@ _CONTROL_SD = 3.0
 _BENCH_COLOURS = ("blue", "orange", "green", "purple", "sky", "black")
 
 
-def plot_ridge(distribution: NumberDistribution, narrow: bool = False) -> Figure:
+def plot_ridge(distribution: ParameterDistribution, narrow: bool = False) -> Figure:
     """Return the estimate of each specimen as a density, sorted, above the distribution over specimens."""
     pooled = distribution.pooled
     shown = select_ridges(pooled.estimate, pooled.outliers)
@@ -163,7 +163,7 @@ def _list_shares(frequency: BenchFrequency, benches: list[str]) -> list[float]:
     return [count / total if total else float("nan") for count, total in counts]
 
 
-def plot_control_chart(distribution: NumberDistribution, narrow: bool = False) -> Figure:
+def plot_control_chart(distribution: ParameterDistribution, narrow: bool = False) -> Figure:
     """Return a number against date or serial number, with its mean and limits of three sd."""
     pooled = distribution.pooled
     x = _locate_specimens(distribution)
@@ -194,14 +194,14 @@ def plot_control_chart(distribution: NumberDistribution, narrow: bool = False) -
     return drawing
 
 
-def _locate_specimens(distribution: NumberDistribution) -> np.ndarray:
+def _locate_specimens(distribution: ParameterDistribution) -> np.ndarray:
     """Return the position of each specimen on the axis: days, serial number, or its rank by name."""
     if distribution.order is None:
         return np.arange(len(distribution.pooled.estimate), dtype=float)
     return distribution.order * (DAYS_PER_YEAR if distribution.order_name == "date" else 1.0)
 
 
-def _draw_specimens(panel: Axes, distribution: NumberDistribution, x: np.ndarray) -> list:
+def _draw_specimens(panel: Axes, distribution: ParameterDistribution, x: np.ndarray) -> list:
     """Draw the estimates with their sd, a colour for each bench; return the entries of the legend."""
     pooled, benches, handles = distribution.pooled, distribution.estimates.benches, []
     stated = sorted({bench for bench in benches if bench is not None})
@@ -225,7 +225,7 @@ def _shorten_name(name: str) -> str:
     return name if len(name) <= _MAX_NAME_LENGTH else f"…{name[1 - _MAX_NAME_LENGTH :]}"
 
 
-def _label_axis(distribution: NumberDistribution) -> str:
+def _label_axis(distribution: ParameterDistribution) -> str:
     unit = "" if distribution.unit == "1" else f" [{distribution.unit}]"
     return f"{distribution.name}{unit}"
 

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pamjax.model.parameters import find_meaning
-from pamjax.planning.plan import ALL_NUMBERS, Plan, compute_sd_course
+from pamjax.planning.plan import ALL_PARAMETERS, Plan, compute_sd_course
 from pamjax.planning.report import format_minutes, format_misfit
 from pamjax.units import compute_si_factor, format_quantity
 from pamjax.view.figures.layout import create_mark
@@ -45,7 +45,7 @@ class PrecisionCourse:
     @classmethod
     def from_plan(cls, plan: Plan) -> PrecisionCourse:
         """Return the course of a plan's goal."""
-        name = next(iter(plan.expected_sds)) if plan.goal == ALL_NUMBERS else plan.goal
+        name = next(iter(plan.expected_sds)) if plan.goal == ALL_PARAMETERS else plan.goal
         unit = find_meaning(name).show
         minutes, sds = compute_sd_course(plan, name)
         return cls(name, unit, minutes, sds / compute_si_factor(unit))

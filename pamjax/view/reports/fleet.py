@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from pamjax.fleet.analysis import FleetAnswers, NumberDistribution
+from pamjax.fleet.analysis import FleetAnswers, ParameterDistribution
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frames import list_rows
 from pamjax.fleet.store import DONE, OPEN
@@ -111,12 +111,12 @@ def _draw(plot: Any, name: str) -> Picture | None:
     return build_picture(lambda narrow: plot(narrow=narrow), name)
 
 
-def _count_findings(distribution: NumberDistribution) -> int:
+def _count_findings(distribution: ParameterDistribution) -> int:
     findings = int(distribution.pooled.outliers.sum()) + len(distribution.deviating_benches)
     return findings + int(distribution.drifts)
 
 
-def _format_ridge_caption(distribution: NumberDistribution) -> str:
+def _format_ridge_caption(distribution: ParameterDistribution) -> str:
     """Return what the curves of a ridge are, and which specimens it leaves out."""
     text = "Each curve: one specimen with its own uncertainty. Lowest curve: the distribution over specimens."
     if distribution.shares_prior:
@@ -132,7 +132,7 @@ def _format_ridge_caption(distribution: NumberDistribution) -> str:
     return text
 
 
-def _build_distribution_row(distribution: NumberDistribution) -> list[str]:
+def _build_distribution_row(distribution: ParameterDistribution) -> list[str]:
     pooled, unit = distribution.pooled, distribution.unit
     low, high = pooled.between_interval
     return [
@@ -169,7 +169,7 @@ def _format_dash_note(fleet: Fleet) -> str:
 
 
 def _list_deviations(answers: FleetAnswers) -> dict[str, list[str]]:
-    """Return the numbers in which the specimen of a case is an outlier, with its deviation."""
+    """Return the parameters in which the specimen of a case is an outlier, with its deviation."""
     deviations: dict[str, list[str]] = {}
     for distribution in answers.distributions:
         for k in np.flatnonzero(distribution.pooled.outliers):

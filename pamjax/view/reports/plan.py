@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.model.parameters import find_meaning
-from pamjax.planning.plan import ALL_NUMBERS, ExpectedSd, Plan
+from pamjax.planning.plan import ALL_PARAMETERS, ExpectedSd, Plan
 from pamjax.planning.report import (
     format_alternatives,
     format_isobars,
@@ -63,7 +63,7 @@ def format_headline(plan: Plan) -> str:
     """Return the result in one line."""
     if format_misfit(plan):
         return "Diagnose first: the model does not fit its recording"
-    if plan.goal == ALL_NUMBERS:
+    if plan.goal == ALL_PARAMETERS:
         return f"A plan of {format_minutes(plan.minutes)} for all parameters together"
     if not plan.chosen_runs and plan.reaches_goal:
         return f"{plan.goal} is already determined {format_precision(plan, plan.sd)}"
@@ -82,7 +82,7 @@ def format_answer(plan: Plan) -> list[str]:
         return list(_format_expected_result(plan))
     precision = (
         f" would determine {plan.goal} {format_rough_precision(plan)}"
-        if plan.goal != ALL_NUMBERS
+        if plan.goal != ALL_PARAMETERS
         else " would be the plan"
     )
     return [
@@ -100,7 +100,7 @@ def _format_runs(plan: Plan) -> str:
 
 
 def _format_expected_result(plan: Plan) -> tuple[str, str]:
-    if plan.goal == ALL_NUMBERS:
+    if plan.goal == ALL_PARAMETERS:
         return f"Perform {_format_runs(plan)}.", f"{_capitalise(format_isobars(plan))}."
     if not plan.chosen_runs and plan.reaches_goal:
         return (
