@@ -282,8 +282,8 @@ class DiagnosisSettings:
         "fewer minima contribute to the standard deviations")
 
     # Cross-validation on whole blocks.
-    min_explained_fraction: float = _crossval(5 / 6, "share of the excess χ²", 0.0, 1.0,
-        "Report a part as unexplained if the mechanisms explain less than this share of left-out misfit",
+    min_explained_fraction: float = _crossval(5 / 6, "fraction of the excess χ²", 0.0, 1.0,
+        "Report a part as unexplained if the mechanisms explain less than this fraction of left-out misfit",
         "an unexplained part is reported more often")
     min_blocks_for_cross_validation: int = _crossval(3, "count", 2, 1000,
         "Cross-validate mechanisms if the recording has at least this many blocks",

@@ -212,7 +212,7 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
             )
             panel.label_outer()
         drawing.suptitle(
-            textwrap.fill(_format_explained_share(diagnosis, residual, correction), 48 if narrow else 104),
+            textwrap.fill(_format_explained_fraction(diagnosis, residual, correction), 48 if narrow else 104),
             x=0.01,
             ha="left",
         )
@@ -226,8 +226,8 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
     return drawing
 
 
-def _format_explained_share(diagnosis: Diagnosis, residual: np.ndarray, correction: np.ndarray) -> str:
-    """Return the title: the share of the squared residuals that the mechanisms explain."""
+def _format_explained_fraction(diagnosis: Diagnosis, residual: np.ndarray, correction: np.ndarray) -> str:
+    """Return the title: the fraction of the squared residuals that the mechanisms explain."""
     explained_fraction = 1 - np.nanmean((residual - correction) ** 2) / np.nanmean(residual**2)
     names = join_words([mechanism.id for mechanism in diagnosis.named_mechanisms])
     verb = "explains" if len(diagnosis.named_mechanisms) == 1 else "explain"
