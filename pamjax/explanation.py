@@ -10,7 +10,7 @@ from typing import Any
 from pamjax.errors import BadInput, suggest_word
 from pamjax.model.parameters import list_meanings_by_law, list_parameters
 from pamjax.model.registry import ALTERNATIVES, MECHANISMS, list_mechanisms
-from pamjax.notebook import NotebookNote
+from pamjax.notebook import NotebookText
 from pamjax.parameter import Meaning
 from pamjax.units import compute_si_factor
 
@@ -18,7 +18,7 @@ LINE_WIDTH = 96
 
 
 @dataclass(frozen=True, repr=False)
-class Explanation(NotebookNote):
+class Explanation(NotebookText):
     """Explanation of a parameter or a mechanism, or of all of them; prints as a text.
 
     Attributes:

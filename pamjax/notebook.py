@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 
 
-class NotebookNote:
+class NotebookText:
     """A result that a notebook shows as its text; `repr` is the text's first line."""
 
     def __repr__(self) -> str:

@@ -1,16 +1,16 @@
 """A notebook shows the text of a result, and no name in it becomes HTML."""
 
-from pamjax.notebook import NotebookNote
+from pamjax.notebook import NotebookText
 
 
-class Note(NotebookNote):
+class Result(NotebookText):
     def __str__(self):
         return "<b>first</b> line\nsecond line"
 
 
 def test_html_is_the_escaped_text():
-    assert Note()._repr_html_() == "<pre>&lt;b&gt;first&lt;/b&gt; line\nsecond line</pre>"
+    assert Result()._repr_html_() == "<pre>&lt;b&gt;first&lt;/b&gt; line\nsecond line</pre>"
 
 
 def test_repr_is_the_first_line():
-    assert repr(Note()) == "<Note: <b>first</b> line>"
+    assert repr(Result()) == "<Result: <b>first</b> line>"

@@ -16,7 +16,7 @@ from pamjax.control.command_uncertainty import ForceUncertainty
 from pamjax.control.inverse import CommandLimit, Inverse
 from pamjax.control.neglected import compute_friction_half_loop
 from pamjax.errors import BadInput, check_minimum
-from pamjax.notebook import NotebookNote
+from pamjax.notebook import NotebookText
 from pamjax.records.files import write_folder_atomically
 from pamjax.units import format_quantity
 
@@ -41,7 +41,7 @@ _START_PRESSURE_SHARES, _MIN_LENGTH_SHARE = (0.05, 0.1, 0.2, 0.3, 0.5), 0.6
 
 
 @dataclass(frozen=True, repr=False)
-class ExportedController(NotebookNote):
+class ExportedController(NotebookText):
     """The written files, with the table's range and interpolation error.
 
     Attributes:

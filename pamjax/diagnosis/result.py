@@ -1,4 +1,4 @@
-"""Result of a diagnosis, its verdict on the screen, and its files diagnosis.json and prediction.csv."""
+"""Result of a diagnosis, its summary on the screen, and its files diagnosis.json and prediction.csv."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from pamjax.drawing import DrawableResult
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.form_errors.parts import FormErrorPart
 from pamjax.model.registry import find_mechanism
-from pamjax.notebook import NotebookNote
+from pamjax.notebook import NotebookText
 from pamjax.parameter import Meaning
 from pamjax.records.blocks import Blocks
 from pamjax.records.files import write_atomically
@@ -38,11 +38,11 @@ from pamjax.units import compute_si_factor
 _DIAGNOSIS_SCHEMA = "pamjax.diagnosis/1"
 
 
-#: Largest number of lines of the verdict on the screen.
-MAX_VERDICT_LINES = 25
+#: Largest number of lines of the summary on the screen.
+MAX_SUMMARY_LINES = 25
 
-#: Largest number of notes in the verdict.
-_MAX_VERDICT_NOTES = 3
+#: Largest number of notes in the summary.
+_MAX_SUMMARY_NOTES = 3
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class ParameterShift:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis(DrawableResult, NotebookNote):
+class Diagnosis(DrawableResult, NotebookText):
     """Result of a diagnosis.
 
     Attributes:
@@ -190,7 +190,7 @@ class Diagnosis(DrawableResult, NotebookNote):
         return pd.DataFrame(columns)
 
     def __str__(self) -> str:
-        return "\n".join(_format_lines(self)[:MAX_VERDICT_LINES])
+        return "\n".join(_format_lines(self)[:MAX_SUMMARY_LINES])
 
 
 def save_diagnosis(diagnosis: Diagnosis, folder: Path) -> list[Path]:
@@ -377,7 +377,7 @@ def _format_lines(diagnosis: Diagnosis) -> list[str]:
         f"  next experiment: {experiment.protocol} (power {experiment.power:.2f})"
         for experiment in diagnosis.experiments[:2]
     ]
-    return lines + [f"  note: {note}" for note in diagnosis.notes[:_MAX_VERDICT_NOTES]]
+    return lines + [f"  note: {note}" for note in diagnosis.notes[:_MAX_SUMMARY_NOTES]]
 
 
 def format_named_estimate(name: str, estimate: ParameterEstimate) -> str:

@@ -133,7 +133,7 @@ def diagnose(
         progress: called with the name of the step and the share done.
 
     Returns:
-        the `Diagnosis`; `print` shows it as a note, `plot` draws it.
+        the `Diagnosis`; `print` shows its summary, `plot` draws it.
 
     Raises:
         BadInput: for an unknown baseline, or a recording without force and diameter.

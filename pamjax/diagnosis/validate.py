@@ -25,7 +25,7 @@ from pamjax.infer.problem.dataset import (
 from pamjax.model.balance import Status
 from pamjax.model.bench import Bench, BenchReading, clip_slack_force, record_bench
 from pamjax.model.muscle import MuscleReading, predict
-from pamjax.notebook import NotebookNote
+from pamjax.notebook import NotebookText
 from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case, ensure_case
 from pamjax.records.files import read_bytes
@@ -52,7 +52,7 @@ class BlockValidation:
 
 
 @dataclass(frozen=True, repr=False)
-class Validation(NotebookNote):
+class Validation(NotebookText):
     """Prediction errors of a model on one recording.
 
     Attributes:
@@ -140,7 +140,7 @@ def validate(
             file of the model states are always included.
 
     Returns:
-        the `Validation` with rmse and noise by channel and block, SI; `print` shows it as a note.
+        the `Validation` with rmse and noise by channel and block, SI; `print` shows its summary.
 
     Raises:
         BadInput: if a file cannot be read, or if the recording has a measured length.

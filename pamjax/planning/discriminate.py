@@ -31,7 +31,7 @@ from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.errors import BadInput
 from pamjax.model.registry import find_mechanism
-from pamjax.notebook import NotebookNote
+from pamjax.notebook import NotebookText
 from pamjax.progress import Progress, ignore_progress
 from pamjax.records.case import Case, ensure_case
 from pamjax.records.files import write_atomically
@@ -41,7 +41,7 @@ _MAX_LISTED_PROTOCOLS = 6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Discrimination(NotebookNote):
+class Discrimination(NotebookText):
     """Two mechanisms, their fits to a recording, and the protocols that distinguish them.
 
     Attributes:
@@ -148,7 +148,7 @@ def discriminate(
         progress: called with the current step and the completed share.
 
     Returns:
-        the `Discrimination`; `print` shows it as a note.
+        the `Discrimination`; `print` shows its summary.
 
     Raises:
         BadInput: for an unknown id, or a mechanism without effect on this recording.

@@ -13,7 +13,7 @@ import pandas as pd
 
 from pamjax.errors import BadInput, check_minimum, suggest_word
 from pamjax.model.parameters import find_meaning
-from pamjax.notebook import NotebookNote
+from pamjax.notebook import NotebookText
 from pamjax.planning.information import (
     PriorInformation,
     build_prior_information,
@@ -44,7 +44,7 @@ class ExpectedSd:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(NotebookNote):
+class Plan(NotebookText):
     """Runs to make, and the precision that they are expected to reach.
 
     Attributes:
@@ -135,9 +135,9 @@ class Plan(NotebookNote):
         }
 
     def __str__(self) -> str:
-        from pamjax.planning.report import format_plan_note
+        from pamjax.planning.report import format_plan_summary
 
-        return format_plan_note(self)
+        return format_plan_summary(self)
 
 
 def plan(
@@ -165,7 +165,7 @@ def plan(
         seed: random seed for the parameter values over which the expected precision is averaged.
 
     Returns:
-        the `Plan`; `print` shows it as a note, `schedule` returns its commands as a table.
+        the `Plan`; `print` shows its summary, `schedule` returns its commands as a table.
 
     Raises:
         BadInput: for an unknown goal, or one that is no free parameter of a fit.

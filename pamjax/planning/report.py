@@ -18,7 +18,7 @@ _MIN_MISFIT_RATIO = 1.5
 _LESS_SD_RATIO = 0.95
 
 
-def format_plan_note(plan: Plan) -> str:
+def format_plan_summary(plan: Plan) -> str:
     """Return the summary of a plan."""
     lines = [f"{plan.prior.muscle_toml.name}: {format_plan_sentence(plan)}", ""]
     lines += [

@@ -10,7 +10,7 @@ import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import BadInput, suggest_word
-from pamjax.notebook import NotebookNote
+from pamjax.notebook import NotebookText
 from pamjax.records.checks.stuck_sensors import find_stuck_sensors
 from pamjax.records.checks.unit_errors import check_units
 from pamjax.records.files import decode_text, read_bytes
@@ -30,7 +30,7 @@ _BEFORE_CHOICES = ("relaxed", "settled")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Case(NotebookNote):
+class Case(NotebookText):
     """Contents of one case folder.
 
     Attributes:
@@ -156,7 +156,7 @@ def build_case(
     _check_choice("gaps", gaps, _GAP_CHOICES)
     _check_choice("before", before, _BEFORE_CHOICES)
     muscle_toml = read_muscle_toml(toml_bytes, MUSCLE_FILE)
-    recording, notes, units = parse_table(
+    recording, warnings, units = parse_table(
         csv_bytes,
         file,
         muscle_toml.columns,
@@ -164,7 +164,7 @@ def build_case(
         muscle_toml.measures_length,
         muscle_toml.load,
     )
-    notes += [*check_units(recording, muscle_toml, units, file), *find_stuck_sensors(recording, file)]
+    warnings += [*check_units(recording, muscle_toml, units, file), *find_stuck_sensors(recording, file)]
     _check_length_below_thread(recording, muscle_toml, units.get("length", DISPLAY_UNIT["length"]), file)
     return Case(
         name=folder.resolve().name,
@@ -172,7 +172,7 @@ def build_case(
         muscle_toml=muscle_toml,
         recording=recording,
         checksum=hashlib.sha256(csv_bytes + toml_bytes).hexdigest(),
-        warnings=tuple(notes),
+        warnings=tuple(warnings),
         gaps=gaps,
         before=before,
         text=decode_text(toml_bytes, MUSCLE_FILE),

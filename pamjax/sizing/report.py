@@ -23,7 +23,7 @@ _CERTAIN = 0.995
 _TIGHT_MARGIN = 1e-4
 
 
-def format_design_note(design: Design) -> str:
+def format_design_summary(design: Design) -> str:
     """Return the report as text with fewer than 25 lines."""
     entries = design.spec.entries
     head = f"{design.spec.name}: {design.choice}"

@@ -10,7 +10,7 @@ import numpy as np
 
 from pamjax.drawing import DrawableResult
 from pamjax.model.bench import Bench
-from pamjax.notebook import NotebookNote
+from pamjax.notebook import NotebookText
 from pamjax.sizing.assure import Finalist
 from pamjax.sizing.calibration import CalibrationTransfer
 from pamjax.sizing.candidate import OperatingPoints, build_bench, evaluate_many, locate_output
@@ -29,7 +29,7 @@ _FREE_CONTRACTION_STEPS = 101
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Design(DrawableResult, NotebookNote):
+class Design(DrawableResult, NotebookText):
     """The design for a spec; its text is a report.
 
     Attributes:
@@ -185,6 +185,6 @@ class Design(DrawableResult, NotebookNote):
         return np.concatenate(values)
 
     def __str__(self) -> str:
-        from pamjax.sizing.report import format_design_note
+        from pamjax.sizing.report import format_design_summary
 
-        return format_design_note(self)
+        return format_design_summary(self)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pamjax.sizing.infeasible import Relaxation, format_shortfall
-from pamjax.sizing.report import format_design_note, format_margin, format_requirement_margin
+from pamjax.sizing.report import format_design_summary, format_margin, format_requirement_margin
 from pamjax.sizing.requirements import Requirement
 from tests.agreement import ROUNDING, agree
 
@@ -82,7 +82,7 @@ def test_output_ratio_inverts_the_margin():
 def format_note(*relaxations):
     """Return the report of an infeasible design with these relaxations."""
     spec = SimpleNamespace(name="it", entries=None)
-    return format_design_note(
+    return format_design_summary(
         SimpleNamespace(spec=spec, choice="a choice", feasible=False, relaxations=relaxations)
     )  # pyright: ignore
 

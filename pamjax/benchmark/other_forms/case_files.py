@@ -56,21 +56,21 @@ def _build_key_entry(bank_recording: BankRecording) -> dict[str, Any]:
 
 
 def write_bank(
-    folder: Path, bank_recordings: Sequence[BankRecording], notes: Sequence[dict[str, Any]] = ()
+    folder: Path, bank_recordings: Sequence[BankRecording], more_entries: Sequence[dict[str, Any]] = ()
 ) -> Path:
     """Write the case folders r-001, r-002, ... and key.json, and return the path of the key.
 
     Args:
         folder: a folder that does not exist, or is empty.
         bank_recordings: the recordings.
-        notes: more entries of the key for each recording.
+        more_entries: more entries of the key for each recording.
     """
     folder.mkdir(parents=True, exist_ok=True)
     cases = {}
     for k, bank_recording in enumerate(bank_recordings):
         name = f"r-{k + 1:03d}"
         write_case(folder / name, bank_recording.recording, build_muscle_text(bank_recording.muscle_toml))
-        cases[name] = _build_key_entry(bank_recording) | (dict(notes[k]) if notes else {})
+        cases[name] = _build_key_entry(bank_recording) | (dict(more_entries[k]) if more_entries else {})
     key = folder / "key.json"
     with write_atomically(key) as temporary:
         temporary.write_text(

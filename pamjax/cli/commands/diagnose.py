@@ -64,7 +64,7 @@ def diagnose(
         if names.count(name) > 1:
             rule = "cases of one command must have different names"
             raise BadInput.from_rule(rule, f"{name!r} twice", remedy="Rename one folder.")
-    diagnoses, notes, paths, reported_count = [], [], [], 0
+    diagnoses, summaries, paths, reported_count = [], [], [], 0
     if parsed_cases:
         _print_errors(errors)  # before the long computation
         reported_count = len(errors)
@@ -90,12 +90,12 @@ def diagnose(
 
                         write_diagnosis_report(outcome, folder / REPORT_FILE, format_command(), comparison)
                 diagnoses.append(outcome)
-                notes.append(_format_note(outcome, comparison))
+                summaries.append(_format_summary(outcome, comparison))
                 paths += _list_files(outcome, out, comparison is not None, report)
     if json:
         print_json([outcome.as_dict() for outcome in diagnoses])
     else:
-        print_text("\n\n".join(notes))
+        print_text("\n\n".join(summaries))
     print_written_files(paths)
     if errors:
         _print_errors(errors[reported_count:-1])
@@ -120,11 +120,11 @@ def _name_case(folder: Path, error: BadInput) -> BadInput:
     return BadInput(f"{folder}: {error}")
 
 
-def _format_note(diagnosis: Diagnosis, comparison: ModelComparison | None) -> str:
+def _format_summary(diagnosis: Diagnosis, comparison: ModelComparison | None) -> str:
     """Return the summary with the comparison, within the line limit of a summary."""
-    from pamjax.diagnosis.result import MAX_VERDICT_LINES
+    from pamjax.diagnosis.result import MAX_SUMMARY_LINES
 
     comparison_lines = str(comparison).splitlines() if comparison else []
     return "\n".join(
-        [*str(diagnosis).splitlines()[: MAX_VERDICT_LINES - len(comparison_lines)], *comparison_lines]
+        [*str(diagnosis).splitlines()[: MAX_SUMMARY_LINES - len(comparison_lines)], *comparison_lines]
     )

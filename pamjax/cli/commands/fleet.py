@@ -147,10 +147,10 @@ def report(store: Path, /) -> None:
     paths = write_tables(tables, store)
     result = build_fleet(store, tables)
     answers = analyse_fleet(result)
-    from pamjax.view.reports.fleet import format_report_note, write_fleet_report
+    from pamjax.view.reports.fleet import format_fleet_summary, write_fleet_report
 
     paths.append(write_fleet_report(result, answers, store / REPORT_FILE, format_command()))
-    print_text(format_report_note(result, answers))
+    print_text(format_fleet_summary(result, answers))
     print_written_files(paths)
 
 

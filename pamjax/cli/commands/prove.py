@@ -120,8 +120,8 @@ def _write_recordings(folder: Path, tasks: list, seed: int, json: bool) -> None:
         for finished_count, k in enumerate(order, start=1):
             recordings.append(draw_task_recording(tasks[k]))
             progress(f"{finished_count} of {len(tasks)}", finished_count / len(tasks))
-    notes = [{"number": tasks[k].trial_index, "seed": seed} for k in order]
-    key = write_bank(folder, recordings, notes)
+    more_entries = [{"number": tasks[k].trial_index, "seed": seed} for k in order]
+    key = write_bank(folder, recordings, more_entries)
     if json:
         print_json({"folder": str(folder), "recordings": len(recordings), "key": str(key)})
     else:

@@ -13,7 +13,7 @@ from pamjax.infer.fitting.determination import classify_sd_ratio
 from pamjax.infer.fitting.identifiability import ParameterIdentifiability
 from pamjax.infer.problem.row_counts import describe_unused_rows
 from pamjax.model.parameters import find_meaning
-from pamjax.notebook import NotebookNote
+from pamjax.notebook import NotebookText
 from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
 from pamjax.records.reading.muscle_toml import describe_unused_bladder
@@ -21,7 +21,7 @@ from pamjax.units import compute_si_factor, format_count, format_quantity
 
 
 @dataclass(frozen=True, repr=False)
-class CaseSummary(NotebookNote):
+class CaseSummary(NotebookText):
     """Result of `pamjax check`; prints as a report.
 
     Attributes:

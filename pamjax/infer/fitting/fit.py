@@ -87,7 +87,7 @@ def fit(
         progress: called with the current step and the fraction done.
 
     Returns:
-        the `Fit`; `print` shows it as a note, `to_frame` returns its estimates as a table.
+        the `Fit`; `print` shows its summary, `to_frame` returns its estimates as a table.
 
     Raises:
         BadInput: for an unknown law, an unknown shared parameter, a recording without force and diameter, or

@@ -35,7 +35,7 @@ _MAX_NEIGHBOUR_SHARE = 0.7
 _MAX_PRIOR_SHIFT_SD = 3.0
 
 
-def format_fit_note(fit: Fit) -> str:
+def format_fit_summary(fit: Fit) -> str:
     """Return the full report as plain text."""
     lines = [_format_title(fit), "", *_format_estimates(fit), "", *format_correlations(fit)]
     for case_fit in fit.cases:
@@ -153,7 +153,7 @@ def _format_case(case_fit: CaseFit, several: bool) -> Iterator[str]:
         if exceeds_noise(noise):
             yield f"    {format_misfit(channel, value, noise)}"
     yield from (f"  {line}" for line in format_form_errors(case_fit))
-    yield from (f"  {line}" for line in format_remarks(case_fit))
+    yield from (f"  {line}" for line in format_case_notes(case_fit))
 
 
 def format_form_errors(case_fit: CaseFit) -> Iterator[str]:
@@ -228,7 +228,7 @@ def format_misfit(channel: str, rmse: float, noise: ChannelNoise) -> str:
     )
 
 
-def format_remarks(case_fit: CaseFit) -> Iterator[str]:
+def format_case_notes(case_fit: CaseFit) -> Iterator[str]:
     """Return lines on unused rows, held-out blocks, failed rows, outliers and warnings."""
     yield from describe_unused_rows(case_fit.case)
     yield _format_held_out(case_fit)

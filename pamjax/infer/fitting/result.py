@@ -18,7 +18,7 @@ from pamjax.infer.problem.dataset import Dataset
 from pamjax.infer.problem.parameter_space import BOUND_MARGIN, ParameterSpace
 from pamjax.model.balance import Status
 from pamjax.model.muscle import Muscle
-from pamjax.notebook import NotebookNote
+from pamjax.notebook import NotebookText
 from pamjax.parameter import Meaning
 from pamjax.records.case import Case
 from pamjax.units import compute_si_factor
@@ -143,7 +143,7 @@ class CaseFit:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit(DrawableResult, NotebookNote):
+class Fit(DrawableResult, NotebookText):
     """One or several muscles, calibrated on recordings; prints as a report.
 
     Attributes:
@@ -207,6 +207,6 @@ class Fit(DrawableResult, NotebookNote):
         return pd.DataFrame.from_dict(rows, orient="index")
 
     def __str__(self) -> str:
-        from pamjax.infer.fitting.report import format_fit_note
+        from pamjax.infer.fitting.report import format_fit_summary
 
-        return format_fit_note(self)
+        return format_fit_summary(self)

@@ -21,7 +21,7 @@ import numpy as np
 from pamjax.errors import BadInput
 from pamjax.infer.posterior.io import POSTERIOR_SCHEMA
 from pamjax.infer.posterior.loo import MAX_PARETO_K, compute_loo_score
-from pamjax.notebook import NotebookNote
+from pamjax.notebook import NotebookText
 
 #: Smallest significant difference, in its standard errors.
 _MIN_CLEAR_DIFFERENCE = 2.0
@@ -52,7 +52,7 @@ class PosteriorScore:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PosteriorComparison(NotebookNote):
+class PosteriorComparison(NotebookText):
     """Posteriors, best first; prints as a report."""
 
     scores: tuple[PosteriorScore, ...]
@@ -109,7 +109,7 @@ def compare(posteriors: Sequence[str | Path]) -> PosteriorComparison:
         posteriors: each a posterior.nc of `save_posterior`, or a folder that contains one.
 
     Returns:
-        the `PosteriorComparison`, best first; `print` shows it as a note.
+        the `PosteriorComparison`, best first; `print` shows its summary.
 
     Raises:
         BadInput: if a file is not a posterior, or the measurements differ.

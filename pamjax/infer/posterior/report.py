@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pamjax.infer.posterior.result import Posterior
 
 
-def format_posterior_note(post: Posterior) -> str:
+def format_posterior_summary(post: Posterior) -> str:
     """Return the full report as plain text."""
     lines = [
         _format_title(post),

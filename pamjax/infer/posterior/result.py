@@ -15,7 +15,7 @@ from pamjax.infer.posterior.convergence import ConvergenceDiagnostics
 from pamjax.infer.posterior.identifiability_report import Verdict, build_verdicts
 from pamjax.infer.posterior.laplace import GaussianApproximation
 from pamjax.infer.posterior.log_density import PosteriorDensity
-from pamjax.notebook import NotebookNote
+from pamjax.notebook import NotebookText
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Marginal:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Posterior(DrawableResult, NotebookNote):
+class Posterior(DrawableResult, NotebookText):
     """Draws of the parameters of muscle and noise; prints as a report.
 
     Attributes:
@@ -101,6 +101,6 @@ class Posterior(DrawableResult, NotebookNote):
         return self.draws.reshape(n * chains, size)[::step][:count]
 
     def __str__(self) -> str:
-        from pamjax.infer.posterior.report import format_posterior_note
+        from pamjax.infer.posterior.report import format_posterior_summary
 
-        return format_posterior_note(self)
+        return format_posterior_summary(self)

@@ -66,7 +66,7 @@ def sample(
         progress: called with the current step and the fraction done.
 
     Returns:
-        the `Posterior`; `print` shows it as a note, `plot` draws it.
+        the `Posterior`; `print` shows its summary, `plot` draws it.
 
     Raises:
         BadInput: as `fit`; for an unknown sampler or prior; if `checkpoint` contains another chain.

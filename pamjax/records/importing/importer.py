@@ -14,7 +14,7 @@ import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import BadInput
-from pamjax.notebook import NotebookNote
+from pamjax.notebook import NotebookText
 from pamjax.records.case import Case, read_case
 from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.import_spec import ImportSpec, TestTable, read_import_spec
@@ -32,7 +32,7 @@ _CHANNEL_ORDER = ("force", "pressure", "length", "diameter", "cycle")
 
 
 @dataclass(frozen=True, repr=False)
-class ImportResult(NotebookNote):
+class ImportResult(NotebookText):
     """Result of an import.
 
     Attributes:
@@ -81,7 +81,7 @@ def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
         folder: the case folder to write; must not exist, or be empty.
 
     Returns:
-        the `ImportResult` with the case and the number of samples; `print` shows it as a note.
+        the `ImportResult` with the case and the number of samples; `print` shows its summary.
 
     Raises:
         BadInput: with file, row and column, if the files cannot be used. Then nothing is written.

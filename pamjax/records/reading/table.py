@@ -74,8 +74,8 @@ def parse_table(
     recording = remove_outliers(recording, units)
     _check_gauge_pressure(recording.pressure, known_columns["pressure"], locate)
     _check_measured(recording, file)
-    notes = [f"unknown column `{title}` in {file}: ignored." for title in unknown_headers]
-    return recording, notes + [f"{outlier}." for outlier in recording.outliers], units
+    warnings = [f"unknown column `{title}` in {file}: ignored." for title in unknown_headers]
+    return recording, warnings + [f"{outlier}." for outlier in recording.outliers], units
 
 
 class _RowLocator:

@@ -19,12 +19,12 @@ from pamjax.infer.fitting.report import (
     describe_fit_shortage,
     describe_origin,
     exceeds_noise,
+    format_case_notes,
     format_correlations,
     format_estimate,
     format_form_errors,
     format_minimiser_state,
     format_misfit,
-    format_remarks,
 )
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
 from pamjax.infer.problem.priors import is_length_error
@@ -272,7 +272,7 @@ def _list_assumptions(fit: Fit) -> Iterator[str]:
         name = case_fit.case.name if len(fit.cases) > 1 else ""
         if fit.mechanisms:
             yield _format_sentence(format_history(case_fit.case), name)
-        yield from (_format_sentence(line, name) for line in format_remarks(case_fit))
+        yield from (_format_sentence(line, name) for line in format_case_notes(case_fit))
         stated = [channel for channel in case_fit.rmse if case_fit.noise[channel].stated]
         yield from (
             _format_sentence(

@@ -70,7 +70,7 @@ def write_fleet_report(fleet: Fleet, answers: FleetAnswers, path: Path, command:
         answer=findings[1:_MAX_TOP_FINDINGS],
         more=findings[_MAX_TOP_FINDINGS:],
         distributions=_draw_distributions(answers),
-        summary=[_build_distribution_row(distribution) for distribution in answers.distributions],
+        distribution_rows=[_build_distribution_row(distribution) for distribution in answers.distributions],
         mechanism_map=build_picture(
             lambda narrow: figures.plot_mechanism_map(fleet, answers, narrow), "mechanisms"
         ),
@@ -189,7 +189,7 @@ def _describe_settings(fleet: Fleet) -> list[list[str]]:
     return [*rows, *([f"version of {name}", str(value)] for name, value in versions.items())]
 
 
-def format_report_note(fleet: Fleet, answers: FleetAnswers) -> str:
+def format_fleet_summary(fleet: Fleet, answers: FleetAnswers) -> str:
     """Return the findings and distributions of a fleet as text for the screen."""
     lines = [f"{fleet.name}: {format_states(fleet)}", *(f"  {line}" for line in list_findings(answers))]
     return "\n".join(lines + [f"  {format_distribution(d)}" for d in answers.distributions])
