@@ -159,14 +159,20 @@ def compare_models(diagnosis: Diagnosis, seed: int = 0) -> ModelComparison | Non
         rows = errors.blocks.split(": ")[-1]
         splits.append(
             _evaluate_split(
-                diagnosis, _HELD_OUT_SPLIT, rows, errors.held_out, errors.before, errors.after, seed
+                diagnosis,
+                _HELD_OUT_SPLIT,
+                rows,
+                errors.held_out,
+                errors.baseline_prediction,
+                errors.model_prediction,
+                seed,
             )
         )
     extrapolation_rows, words = find_extrapolation_rows(problem)
     if extrapolation_rows.any():
-        before, after = _predict_without_rows(diagnosis, extrapolation_rows)
+        predictions = _predict_without_rows(diagnosis, extrapolation_rows)
         splits.append(
-            _evaluate_split(diagnosis, _EXTRAPOLATION_SPLIT, words, extrapolation_rows, before, after, seed)
+            _evaluate_split(diagnosis, _EXTRAPOLATION_SPLIT, words, extrapolation_rows, *predictions, seed)
         )
     noise = {}
     for c, channel in enumerate(CHANNELS):
@@ -199,38 +205,44 @@ def find_extrapolation_rows(problem: LibraryProblem) -> tuple[np.ndarray, str]:
 def _predict_without_rows(diagnosis: Diagnosis, held_out_rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the predictions of the baseline and of the selected model, refitted without some rows."""
     problem = diagnosis.problem
-    before = fit_candidate(problem, ~held_out_rows, (), diagnosis.baseline.estimate.values)
-    prediction = problem.predict(before.estimate.values)
+    baseline = fit_candidate(problem, ~held_out_rows, (), diagnosis.baseline.estimate.values)
+    prediction = problem.predict(baseline.estimate.values)
     if not diagnosis.named_mechanisms:
         return prediction, prediction
-    after = fit_with_misfit_weight(
+    model = fit_with_misfit_weight(
         problem, ~held_out_rows, diagnosis.model.mechanisms, diagnosis.selection.start_values
     )
-    return prediction, problem.predict(after.estimate.values)
+    return prediction, problem.predict(model.estimate.values)
 
 
 def _evaluate_split(
-    diagnosis: Diagnosis, name, rows: str, held_out_rows: np.ndarray, before, after, seed: int
+    diagnosis: Diagnosis,
+    name: str,
+    rows: str,
+    held_out_rows: np.ndarray,
+    baseline_prediction: np.ndarray,
+    model_prediction: np.ndarray,
+    seed: int,
 ) -> ComparisonSplit:
     problem = diagnosis.problem
-    predictions: dict[str, np.ndarray] = {BASELINE_MODEL: before}
+    predictions: dict[str, np.ndarray] = {BASELINE_MODEL: baseline_prediction}
     remarks: dict[str, str] = {}
     if diagnosis.named_mechanisms:
-        predictions[SELECTED_MODEL] = after
+        predictions[SELECTED_MODEL] = model_prediction
     try:
         force, remark = _predict_sarosi(problem, ~held_out_rows)
         predictions[SAROSI_MODEL] = np.stack([force, np.full(problem.n, np.nan)])
         remarks |= {SAROSI_MODEL: remark} if remark else {}
     except BadInput:
         pass
-    x, residual = build_inputs(problem), problem.measured - before
+    x, residual = build_inputs(problem), problem.measured - baseline_prediction
     discrepancy = [
         predict_discrepancy(x, residual[c], ~held_out_rows, seed)
         if _has_enough_samples(residual[c], ~held_out_rows)
         else residual[c] * np.nan
         for c in (0, 1)
     ]
-    predictions[GAUSSIAN_PROCESS_MODEL] = before + np.stack(discrepancy)
+    predictions[GAUSSIAN_PROCESS_MODEL] = baseline_prediction + np.stack(discrepancy)
     return ComparisonSplit(
         name,
         rows,

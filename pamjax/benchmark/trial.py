@@ -284,8 +284,8 @@ def _compare_with_truth(
         "probabilities": tuple(float(name.probability) for name in names),
         "verified_ties": _find_indistinguishable(ground_truth, diagnosis),
         "unexplained": diagnosis.unexplained,
-        "before": _divide_by_noise(diagnosis, diagnosis.held_out_errors.rmse_before, noise),
-        "after": _divide_by_noise(diagnosis, diagnosis.held_out_errors.rmse_after, noise),
+        "before": _divide_by_noise(diagnosis, diagnosis.held_out_errors.baseline_rmse, noise),
+        "after": _divide_by_noise(diagnosis, diagnosis.held_out_errors.model_rmse, noise),
         "parameters": tuple(_compare_parameters(ground_truth, diagnosis)),
     }
     axes = build_axes(diagnosis.problem)
@@ -374,8 +374,10 @@ def _fit_competitors(diagnosis: Diagnosis, noise: np.ndarray) -> dict[str, Any]:
     problem, training_rows, out = diagnosis.problem, ~diagnosis.held_out_errors.held_out, {}
     selection = select_by_bic(problem, training_rows)
     out["selected"] = selection.ids
-    before = diagnosis.held_out_errors.before[0]
-    curve = before + predict_discrepancy(build_inputs(problem), problem.measured[0] - before, training_rows)
+    baseline = diagnosis.held_out_errors.baseline_prediction[0]
+    curve = baseline + predict_discrepancy(
+        build_inputs(problem), problem.measured[0] - baseline, training_rows
+    )
     rows = diagnosis.held_out_errors.held_out & np.isfinite(problem.measured[0])
     if rows.any():
         floor = float(np.sqrt(np.mean(noise[0][rows] ** 2)))

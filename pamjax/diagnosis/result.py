@@ -57,11 +57,17 @@ class ParameterEstimate:
 
 @dataclass(frozen=True)
 class ParameterShift:
-    """Baseline parameter without and with the mechanisms, SI, and its shift in sd of the estimate without."""
+    """Shift of a baseline parameter that the mechanisms cause.
 
-    before: float
-    after: float
-    shift: float
+    Attributes:
+        baseline_value, model_value: estimates without and with the mechanisms, SI.
+        shift_in_sd: their difference, in sd of the estimate without the mechanisms.
+        meaning: unit, limits and meaning of the parameter.
+    """
+
+    baseline_value: float
+    model_value: float
+    shift_in_sd: float
     meaning: Meaning
 
 
@@ -185,8 +191,11 @@ class Diagnosis(DrawableResult, NotebookText):
             "held_out": errors.held_out.astype(int),
         }
         for c, channel in enumerate(self.problem.channels):
-            for when, prediction in (("before", errors.before), ("after", errors.after)):
-                columns[f"{channel}_{when} [{DISPLAY_UNIT[channel]}]"] = to_display(channel, prediction[c])
+            for suffix, prediction in (
+                ("before", errors.baseline_prediction),
+                ("after", errors.model_prediction),
+            ):
+                columns[f"{channel}_{suffix} [{DISPLAY_UNIT[channel]}]"] = to_display(channel, prediction[c])
         return pd.DataFrame(columns)
 
     def __str__(self) -> str:
@@ -307,21 +316,21 @@ def _serialise_mechanism(diagnosis: Diagnosis, mechanism: NamedMechanism) -> dic
 def _serialise_held_out_errors(errors: HeldOutErrors) -> dict[str, Any]:
     return {
         c: {
-            "rmse_before": to_display(c, errors.rmse_before[c]),
-            "rmse_after": to_display(c, errors.rmse_after[c]),
+            "rmse_before": to_display(c, errors.baseline_rmse[c]),
+            "rmse_after": to_display(c, errors.model_rmse[c]),
             "unit": DISPLAY_UNIT[c],
         }
-        for c in errors.rmse_before
+        for c in errors.baseline_rmse
     }
 
 
 def _serialise_shift(shift: ParameterShift) -> dict[str, Any]:
     scale, unit = _get_display_unit(shift.meaning)
     return {
-        "before": shift.before / scale,
-        "after": shift.after / scale,
+        "before": shift.baseline_value / scale,
+        "after": shift.model_value / scale,
         "unit": unit,
-        "shift_in_sd": shift.shift,
+        "shift_in_sd": shift.shift_in_sd,
     }
 
 
@@ -356,23 +365,27 @@ def _format_lines(diagnosis: Diagnosis) -> list[str]:
             f" explains it{f'; like {likeness}' if likeness else ''}"
         )
         lines += [f"    {box.description}" for box in diagnosis.residual_boxes[:2]]
-    for channel, rmse_before in errors.rmse_before.items():
-        before, after = (to_display(channel, rmse) for rmse in (rmse_before, errors.rmse_after[channel]))
+    for channel in errors.baseline_rmse:
+        baseline_rmse, model_rmse = (
+            to_display(channel, rmse[channel]) for rmse in (errors.baseline_rmse, errors.model_rmse)
+        )
         noise = f"noise {_serialise_noise(diagnosis)[channel]['sd']:.3g}"
-        change = f"{before:.3g} -> {after:.3g} {DISPLAY_UNIT[channel]}"
+        change = f"{baseline_rmse:.3g} -> {model_rmse:.3g} {DISPLAY_UNIT[channel]}"
         if not diagnosis.named_mechanisms:
-            change = f"{before:.3g} {DISPLAY_UNIT[channel]} by the baseline"
+            change = f"{baseline_rmse:.3g} {DISPLAY_UNIT[channel]} by the baseline"
         lines.append(f"  held-out rmse ({errors.blocks.split(':')[0]}): {channel} {change}, {noise}")
-    if diagnosis.named_mechanisms and not errors.rmse_before:
+    if diagnosis.named_mechanisms and not errors.baseline_rmse:
         lines.append(
             "  no block was held out (too few blocks): no independent rows confirm these mechanisms."
             " Record at least three pressures."
         )
-    for n, m in sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift))[:2]:
-        scale, unit = _get_display_unit(m.meaning)
-        if diagnosis.named_mechanisms and abs(m.shift) > 1:
+    shifts = sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift_in_sd))
+    for name, shift in shifts[:2]:
+        scale, unit = _get_display_unit(shift.meaning)
+        if diagnosis.named_mechanisms and abs(shift.shift_in_sd) > 1:
             unit = "" if unit == "1" else f" {unit}"
-            lines.append(f"  {n} changes from {m.before / scale:.4g} to {m.after / scale:.4g}{unit}")
+            baseline_value, model_value = shift.baseline_value / scale, shift.model_value / scale
+            lines.append(f"  {name} changes from {baseline_value:.4g} to {model_value:.4g}{unit}")
     lines += [
         f"  next experiment: {experiment.protocol} (power {experiment.power:.2f})"
         for experiment in diagnosis.experiments[:2]

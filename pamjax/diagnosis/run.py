@@ -318,12 +318,12 @@ def _state_form_errors(selection: Selection, parts: dict[str, FormErrorPart]) ->
 
 def _compute_residual_share(problem: LibraryProblem, baseline: CandidateFit, model: CandidateFit) -> float:
     """Return the share of the baseline's excess χ² that the model leaves, both with the baseline's noise."""
-    before, after = (
+    baseline_excess, model_excess = (
         evaluate_estimate(problem, baseline.noise, fit.estimate.free, fit.estimate.values).chi2
         - baseline.noise.size
         for fit in (baseline, model)
     )
-    return float(np.clip(after / before, 0.0, 1.0)) if before > 0 else 0.0
+    return float(np.clip(model_excess / baseline_excess, 0.0, 1.0)) if baseline_excess > 0 else 0.0
 
 
 def _collect_estimates(problem: LibraryProblem, fit: CandidateFit) -> dict[str, dict[str, ParameterEstimate]]:
@@ -339,9 +339,12 @@ def _collect_estimates(problem: LibraryProblem, fit: CandidateFit) -> dict[str, 
 def _compute_shifts(
     problem: LibraryProblem, baseline: CandidateFit, fit: CandidateFit
 ) -> dict[str, ParameterShift]:
-    out = {}
+    shifts = {}
     for k in baseline.estimate.free:
-        before, after, sd = baseline.estimate.values[k], fit.estimate.values[k], baseline.sd(k)
-        shift = (after - before) / sd if sd > 0 else 0.0
-        out[problem.names[k]] = ParameterShift(float(before), float(after), float(shift), problem.meanings[k])
-    return out
+        baseline_value, model_value = baseline.estimate.values[k], fit.estimate.values[k]
+        sd = baseline.sd(k)
+        shift_in_sd = (model_value - baseline_value) / sd if sd > 0 else 0.0
+        shifts[problem.names[k]] = ParameterShift(
+            float(baseline_value), float(model_value), float(shift_in_sd), problem.meanings[k]
+        )
+    return shifts

@@ -36,11 +36,11 @@ ALL_PARAMETERS = "all"
 
 @dataclass(frozen=True)
 class ExpectedSd:
-    """Present value of a parameter, SI, and its standard deviation before and after the plan."""
+    """Present value of a parameter, SI, its standard deviation now, and that expected after the plan."""
 
     value: float
-    sd_before: float
-    sd_after: float
+    current_sd: float
+    expected_sd: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,7 +53,7 @@ class Plan(NotebookText):
         target_sd: wanted standard deviation, SI; 0 for the smallest possible.
         chosen_runs: count of each run, and the run, in the order to make them.
         minutes: total duration, min.
-        expected_sds: parameters of the muscle, with standard deviations before and after the plan.
+        expected_sds: parameters of the muscle, with standard deviations now and expected after the plan.
         reaches_goal: whether the plan is expected to reach the goal.
         single_channel: for each of several channels, the standard deviation of the goal (SI) and the duration
             (min) of the best plan with this channel only.
@@ -80,7 +80,7 @@ class Plan(NotebookText):
         """Return the expected standard deviation of the goal, SI; for "all", of the first parameter."""
         return self.expected_sds[
             next(iter(self.expected_sds)) if self.goal == ALL_PARAMETERS else self.goal
-        ].sd_after
+        ].expected_sd
 
     def schedule(self) -> pd.DataFrame:
         """Return the table of pressure and length to command, with the run of each sample."""
@@ -108,8 +108,8 @@ class Plan(NotebookText):
             scale = compute_si_factor(meaning.show)
             return {
                 "value": expected.value / scale,
-                "sd_before": expected.sd_before / scale if math.isfinite(expected.sd_before) else None,
-                "sd_after": expected.sd_after / scale,
+                "sd_before": expected.current_sd / scale if math.isfinite(expected.current_sd) else None,
+                "sd_after": expected.expected_sd / scale,
                 "unit": meaning.show,
             }
 
@@ -193,7 +193,7 @@ def plan(
     target_sd = _resolve_target_sd(prior, goal, to)
     run_menu, offered_runs = _build_menu(prior, goal, target_sd, seed)
     counts = run_menu.choose_runs()
-    sds_after = _compute_sds(prior, run_menu.compute_information(counts))
+    sds_after_plan = _compute_sds(prior, run_menu.compute_information(counts))
     total_minutes = float(counts @ run_menu.minutes)
     single_channel = {}
     if len(capabilities.channels) > 1 and goal != ALL_PARAMETERS:
@@ -215,7 +215,7 @@ def plan(
         if goal == ALL_PARAMETERS
         else [prior.find_index(goal), *(k for k in prior.muscle_indices if k != prior.find_index(goal))]
     )
-    sds_before = _compute_sds(prior, run_menu.prior_matrix)
+    current_sds = _compute_sds(prior, run_menu.prior_matrix)
     return Plan(
         prior=prior,
         goal=goal,
@@ -223,7 +223,9 @@ def plan(
         chosen_runs=tuple((int(n), run) for n, run in zip(counts, offered_runs, strict=True) if n),
         minutes=total_minutes,
         expected_sds={
-            prior.space.names[k]: ExpectedSd(*(float(x[k]) for x in (prior.mean, sds_before, sds_after)))
+            prior.space.names[k]: ExpectedSd(
+                *(float(x[k]) for x in (prior.mean, current_sds, sds_after_plan))
+            )
             for k in indices
         },
         reaches_goal=bool(run_menu.compute_criterion(counts) <= run_menu.goal) if target_sd else True,

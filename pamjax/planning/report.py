@@ -119,14 +119,14 @@ def format_rough_precision(plan: Plan) -> str:
 
 def _format_expected_sd(name: str, expected: ExpectedSd) -> str:
     unit = find_meaning(name).show
-    before_text = (
-        f"± {format_quantity(expected.sd_before, unit, 2)}"
-        if math.isfinite(expected.sd_before)
+    current_text = (
+        f"± {format_quantity(expected.current_sd, unit, 2)}"
+        if math.isfinite(expected.current_sd)
         else "unknown"
     )
     return (
-        f"{format_quantity(expected.value, unit)}, {before_text} before,"
-        f" ± {format_quantity(expected.sd_after, unit, 2)} after"
+        f"{format_quantity(expected.value, unit)}, {current_text} before,"
+        f" ± {format_quantity(expected.expected_sd, unit, 2)} after"
     )
 
 
@@ -150,7 +150,7 @@ def format_single_channel(plan: Plan) -> list[str]:
 def format_isobars(plan: Plan) -> str:
     """Return the precision of ten isobars in the same time, compared with the plan."""
     first = next(iter(plan.expected_sds))
-    unit, plan_sd = find_meaning(first).show, plan.expected_sds[first].sd_after
+    unit, plan_sd = find_meaning(first).show, plan.expected_sds[first].expected_sd
     sd_text, sd_ratio = f"± {format_quantity(plan.isobars_sd, unit, 2)}", plan.isobars_sd / plan_sd
     if sd_ratio < _LESS_SD_RATIO:
         # The isobars may have any duration; a plan has complete runs only.

@@ -100,8 +100,8 @@ def test_concealed_friction_is_named_and_its_loop_explained(tmp_path):
     assert [name.id for name in diagnosis.named_mechanisms] == ["braid_friction"]
     assert diagnosis.named_mechanisms[0].probability > 0.9
     noise = build_reference_setup().muscle_toml.sensors.force
-    assert diagnosis.held_out_errors.rmse_before["force"] > 3 * noise
-    assert diagnosis.held_out_errors.rmse_after["force"] < 1.4 * noise
+    assert diagnosis.held_out_errors.baseline_rmse["force"] > 3 * noise
+    assert diagnosis.held_out_errors.model_rmse["force"] < 1.4 * noise
     save_diagnosis(diagnosis, tmp_path)
     document = json.loads((tmp_path / "diagnosis.json").read_text())
     assert document["missing_physics"][0]["id"] == "braid_friction"

@@ -125,7 +125,7 @@ def test_recording_with_lengths_set_by_ruler_is_used(by_ruler):
     result = plan(Case("made", Path(), by_ruler, recording, ""), to="30 GPa", minutes=20.0)
     # The errors of the lengths explain the recording; without them it has a misfit.
     assert max(result.prior.misfit_ratios.values()) < 1.5
-    assert result.expected_sds["thread.modulus"].sd_before < 20e9
+    assert result.expected_sds["thread.modulus"].current_sd < 20e9
     k = result.prior.muscle_indices[-1]
     information = result.prior.matrix
     assert np.all(np.linalg.eigvalsh(information) > 0)
@@ -275,7 +275,7 @@ def test_title_of_a_plan_fits_a_narrow_screen(muscle_toml, stroke):
 
 def test_better_isobars_are_reported(muscle_toml):
     result = plan(muscle_toml, RigCapabilities(), to="30 GPa")
-    after = result.expected_sds["thread.modulus"].sd_after
+    after = result.expected_sds["thread.modulus"].expected_sd
     better, worse = (format_isobars(replace(result, isobars_sd=share * after)) for share in (0.9, 1.1))
     assert "better than this plan (± 20 GPa); of complete runs, this plan is the shortest found" in better
     assert "times the sd" not in better
@@ -289,7 +289,7 @@ def test_known_parameter_needs_no_run(muscle_toml):
     assert len(result.schedule()) == 0
     minutes, sds = compute_sd_course(result, "thread.modulus")
     agree(minutes, [0.0], ROUNDING)
-    agree(sds, [result.expected_sds["thread.modulus"].sd_before], ROUNDING)
+    agree(sds, [result.expected_sds["thread.modulus"].current_sd], ROUNDING)
     assert "already" in format_headline(result)
     assert plot_precision(result, PrecisionCourse.from_plan(result)).axes
     assert plot_commands(result) is None

@@ -151,13 +151,13 @@ def add_form_error(result, share=0.1):
 
     The prediction with form error is 2 N higher than the one without, with an sd of 5 N.
     """
-    form = np.zeros_like(result.held_out_errors.after)
+    form = np.zeros_like(result.held_out_errors.model_prediction)
     form[0] = 2.0
     sd = np.zeros_like(form)
     sd[0] = 5.0
     rms = np.array([2.0, 0.0]) if share else np.zeros(2)
     part = FormErrorPart(share, 0.1 if share else 0.0, form, rms, np.array([20.0, 1e-9]))
-    prediction = FormPrediction(result.held_out_errors.after + form, sd) if share else None
+    prediction = FormPrediction(result.held_out_errors.model_prediction + form, sd) if share else None
     return replace(result, form_errors={"braid_friction": part}, form_prediction=prediction)
 
 

@@ -60,11 +60,11 @@ def cross_validate_selection(
     )
 
 
-def format_dropped_mechanisms(before: Selection, after: Selection) -> list[str]:
+def format_dropped_mechanisms(selected: Selection, confirmed: Selection) -> list[str]:
     """Return a note on the mechanisms that cross-validation dropped, if there are any."""
-    named_ids = {mechanism.id for mechanism in after.named_mechanisms}
+    named_ids = {mechanism.id for mechanism in confirmed.named_mechanisms}
     dropped_ids = [
-        f"`{mechanism.id}`" for mechanism in before.named_mechanisms if mechanism.id not in named_ids
+        f"`{mechanism.id}`" for mechanism in selected.named_mechanisms if mechanism.id not in named_ids
     ]
     if not dropped_ids:
         return []

@@ -19,17 +19,17 @@ class HeldOutErrors:
     Attributes:
         blocks: description of the held-out blocks.
         held_out: (n,) mask of the held-out rows.
-        before, after: (2, n) predictions of force (N) and diameter (m) without and with the mechanisms, by
-            fits without the held-out rows.
-        rmse_before, rmse_after: by channel, SI, over held-out rows; without channels that have none.
+        baseline_prediction, model_prediction: (2, n) force (N) and diameter (m) without and with the
+            mechanisms, by fits without the held-out rows.
+        baseline_rmse, model_rmse: by channel, SI, over held-out rows; without channels that have none.
     """
 
     blocks: str
     held_out: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    rmse_before: dict[str, float]
-    rmse_after: dict[str, float]
+    baseline_prediction: np.ndarray
+    model_prediction: np.ndarray
+    baseline_rmse: dict[str, float]
+    model_rmse: dict[str, float]
 
 
 def select_held_out_rows(blocks: Blocks, settings: DiagnosisSettings = DEFAULT_SETTINGS) -> np.ndarray:
@@ -61,7 +61,8 @@ def compute_held_out_errors(
     fit: CandidateFit,
 ) -> HeldOutErrors:
     """Return the errors of a baseline and a model that were fitted without the held-out rows."""
-    before, after = problem.predict(baseline.estimate.values), problem.predict(fit.estimate.values)
+    baseline_prediction = problem.predict(baseline.estimate.values)
+    model_prediction = problem.predict(fit.estimate.values)
     names = [blocks.names[k] for k in np.unique(blocks.label[held_out_rows]) if k >= 0]
     description = (
         f"{len(names)} of {len(blocks)} {blocks.kind}: {', '.join(names)}"
@@ -71,10 +72,10 @@ def compute_held_out_errors(
     return HeldOutErrors(
         description,
         held_out_rows,
-        before,
-        after,
-        compute_rmse(problem, before, held_out_rows),
-        compute_rmse(problem, after, held_out_rows),
+        baseline_prediction,
+        model_prediction,
+        compute_rmse(problem, baseline_prediction, held_out_rows),
+        compute_rmse(problem, model_prediction, held_out_rows),
     )
 
 

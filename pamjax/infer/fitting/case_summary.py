@@ -71,10 +71,12 @@ class CaseSummary(NotebookText):
 
     def _format_parameter(self, d: ParameterIdentifiability, width: int) -> str:
         unit = find_meaning(d.name).show
-        before = f"± {format_quantity(d.prior_sd, unit, 2)}" if math.isfinite(d.prior_sd) else "unknown"
-        after = f"± {format_quantity(d.expected_sd, unit, 2)}" if np.isfinite(d.expected_sd) else "unknown"
+        prior_sd = f"± {format_quantity(d.prior_sd, unit, 2)}" if math.isfinite(d.prior_sd) else "unknown"
+        expected_sd = (
+            f"± {format_quantity(d.expected_sd, unit, 2)}" if np.isfinite(d.expected_sd) else "unknown"
+        )
         kind = classify_sd_ratio(d.sd_ratio)
-        return f"{d.name:<{width}} {before:>14} prior, {after:>14} expected after a fit: {kind}"
+        return f"{d.name:<{width}} {prior_sd:>14} prior, {expected_sd:>14} expected after a fit: {kind}"
 
     def _build_row(self, d: ParameterIdentifiability) -> dict[str, Any]:
         unit = find_meaning(d.name).show

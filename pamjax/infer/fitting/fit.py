@@ -176,10 +176,10 @@ def fit(
     )  # fmt: skip
 
 
-def _have_weights_converged(before: Sequence[Dataset], after: Sequence[Dataset]) -> bool:
+def _have_weights_converged(previous: Sequence[Dataset], current: Sequence[Dataset]) -> bool:
     changes = [
         float(np.abs(_summarise_weights(b) - _summarise_weights(a)).max())
-        for a, b in zip(before, after, strict=True)
+        for a, b in zip(previous, current, strict=True)
     ]
     return max(changes) < _WEIGHT_TOLERANCE
 

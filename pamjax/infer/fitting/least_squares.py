@@ -166,17 +166,17 @@ def inflate_information(solution: Solution, datasets: tuple[Dataset, ...]) -> So
     return eqx.tree_at(lambda s: s.information, solution, information)
 
 
-def exchange_priors(solution: Solution, before: ParameterSpace, after: ParameterSpace) -> Solution:
+def exchange_priors(solution: Solution, space: ParameterSpace, new_space: ParameterSpace) -> Solution:
     """Return the solution at the same point with other priors.
 
     Args:
         solution: the solution.
-        before: the space of the solution.
-        after: a space with other priors and the same coordinates.
+        space: the space of the solution.
+        new_space: a space with other priors and the same coordinates.
     """
-    residual_before = before.compute_prior_residual(solution.u)
-    residual, jacobian = _compute_with_jacobian(after.compute_prior_residual, solution.u)
-    cost = solution.cost + 0.5 * (residual @ residual - residual_before @ residual_before)
+    residual = space.compute_prior_residual(solution.u)
+    new_residual, jacobian = _compute_with_jacobian(new_space.compute_prior_residual, solution.u)
+    cost = solution.cost + 0.5 * (new_residual @ new_residual - residual @ residual)
     return eqx.tree_at(lambda s: (s.cost, s.prior_information), solution, (cost, jacobian.T @ jacobian))
 
 

@@ -160,6 +160,6 @@ def _find_crossing(values: np.ndarray, rise: np.ndarray) -> float | None:
     if not beyond.size:
         return None
     k = int(beyond[0])
-    before, after = np.sqrt(rise[k - 1]), np.sqrt(rise[k])
-    fraction = (np.sqrt(CHI2_RISE_95) - before) / (after - before)
+    inner, outer = np.sqrt(rise[k - 1]), np.sqrt(rise[k])
+    fraction = (np.sqrt(CHI2_RISE_95) - inner) / (outer - inner)
     return float(values[k - 1] + (values[k] - values[k - 1]) * fraction)

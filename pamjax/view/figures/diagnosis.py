@@ -46,8 +46,8 @@ _BASELINE_MARK_COLOUR, _NAMED_COLOUR = OKABE_ITO["vermilion"], OKABE_ITO["blue"]
 
 
 def plot_held_out_scores(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
-    """Return the error of each held-out block before and after, or None if no block was held out."""
-    channels = list(diagnosis.held_out_errors.rmse_before)
+    """Return the error of each held-out block without and with the mechanisms; None without such a block."""
+    channels = list(diagnosis.held_out_errors.baseline_rmse)
     if not channels:
         return None
     block_names = [
@@ -83,8 +83,8 @@ def _plot_scores(panel: Panel, diagnosis: Diagnosis, channel: str, block_names: 
     channel_index = diagnosis.problem.channels.index(channel)
     rmse = {}
     for kind, prediction in (
-        ("before", diagnosis.held_out_errors.before),
-        ("after", diagnosis.held_out_errors.after),
+        ("baseline", diagnosis.held_out_errors.baseline_prediction),
+        ("model", diagnosis.held_out_errors.model_prediction),
     ):
         misfit = np.where(
             diagnosis.held_out_errors.held_out,
@@ -94,25 +94,25 @@ def _plot_scores(panel: Panel, diagnosis: Diagnosis, channel: str, block_names: 
         masks = [diagnosis.blocks.build_mask(diagnosis.blocks.names.index(name)) for name in block_names]
         overall = [compute_rms(misfit)] if len(block_names) > 1 else []
         rmse[kind] = to_display(channel, np.array([compute_rms(misfit[m]) for m in masks] + overall))
-    y = np.arange(len(rmse["before"]))
+    y = np.arange(len(rmse["baseline"]))
     noise = diagnosis.as_dict()["noise"][channel]["sd"]
-    panel.plot(rmse["before"], y, "D", color=_BASELINE_MARK_COLOUR, mfc="none", ms=5.5, gid="before")
+    panel.plot(rmse["baseline"], y, "D", color=_BASELINE_MARK_COLOUR, mfc="none", ms=5.5, gid="baseline")
     if diagnosis.named_mechanisms:
-        panel.hlines(y, rmse["before"], rmse["after"], color=REFERENCE_COLOUR, lw=0.8)
-        panel.plot(rmse["after"], y, "o", color=_NAMED_COLOUR, gid="after")
+        panel.hlines(y, rmse["baseline"], rmse["model"], color=REFERENCE_COLOUR, lw=0.8)
+        panel.plot(rmse["model"], y, "o", color=_NAMED_COLOUR, gid="model")
     panel.axvline(noise, color=REFERENCE_COLOUR, ls="--", lw=0.8, gid="noise")
-    if np.nanmax(rmse["before"]) > _LOG_AXIS_RATIO * min(noise, np.nanmin(rmse["after"])):
+    if np.nanmax(rmse["baseline"]) > _LOG_AXIS_RATIO * min(noise, np.nanmin(rmse["model"])):
         panel.set_xscale("log")
         panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         panel.xaxis.set_major_formatter("{x:g}")
         panel.xaxis.set_minor_formatter(NullFormatter())
     else:
-        panel.set_xlim(0, 1.08 * max(noise, *rmse["before"], *rmse["after"]))
-    before_text, after_text = (
+        panel.set_xlim(0, 1.08 * max(noise, *rmse["baseline"], *rmse["model"]))
+    baseline_text, model_text = (
         format_channel_value(score[channel], channel)
-        for score in (diagnosis.held_out_errors.rmse_before, diagnosis.held_out_errors.rmse_after)
+        for score in (diagnosis.held_out_errors.baseline_rmse, diagnosis.held_out_errors.model_rmse)
     )
-    change = f"{before_text} → {after_text}" if diagnosis.named_mechanisms else before_text
+    change = f"{baseline_text} → {model_text}" if diagnosis.named_mechanisms else baseline_text
     title = (
         f"Held-out RMS error of {channel}:\n{change}"
         f" (noise {format_channel_value(noise * compute_si_factor(DISPLAY_UNIT[channel]), channel)})"
@@ -171,10 +171,10 @@ def plot_shifts(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
     """Return the shift of each baseline parameter in its sd, or None without an identified mechanism."""
     if not diagnosis.parameter_shifts:
         return None
-    largest_shifts = sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift))[
+    largest_shifts = sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift_in_sd))[
         :_MAX_SHIFTS
     ]
-    shifts = [shift.shift for _, shift in largest_shifts]
+    shifts = [shift.shift_in_sd for _, shift in largest_shifts]
     with apply_theme():
         drawing = create_figure(SINGLE_COLUMN if narrow else 5.4, 1.15 + 0.2 * max(len(largest_shifts), 2))
         panel = drawing.subplots()
@@ -197,11 +197,11 @@ def plot_shifts(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
 
 def _format_shifts(diagnosis: Diagnosis) -> str:
     """Return the title: how many baseline parameters were biased, and which one most."""
-    biased_names = [name for name, shift in diagnosis.parameter_shifts.items() if abs(shift.shift) > 1]
+    biased_names = [name for name, shift in diagnosis.parameter_shifts.items() if abs(shift.shift_in_sd) > 1]
     if not biased_names:
         return "The missing mechanisms biased no baseline parameter by more than 1 sd"
-    most_biased = max(biased_names, key=lambda name: abs(diagnosis.parameter_shifts[name].shift))
-    shift_text = format_signed(diagnosis.parameter_shifts[most_biased].shift)
+    most_biased = max(biased_names, key=lambda name: abs(diagnosis.parameter_shifts[name].shift_in_sd))
+    shift_text = format_signed(diagnosis.parameter_shifts[most_biased].shift_in_sd)
     return (
         f"{len(biased_names)} of {len(diagnosis.parameter_shifts)} parameters"
         f" {'shifts' if len(biased_names) == 1 else 'shift'} by more than 1 sd; largest: {most_biased},"

@@ -37,12 +37,12 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
     """
     row_layout, channel_index = select_shown_groups(diagnosis), find_main_channel(diagnosis)
     channel = diagnosis.problem.channels[channel_index]
-    predictions = [("baseline", diagnosis.held_out_errors.before)]
+    predictions = [("baseline", diagnosis.held_out_errors.baseline_prediction)]
     form = diagnosis.form_prediction
     if diagnosis.named_mechanisms:
         label = f"with {', '.join(name.id for name in diagnosis.named_mechanisms)}"
         predictions.append(
-            (label, diagnosis.held_out_errors.after)
+            (label, diagnosis.held_out_errors.model_prediction)
             if form is None
             else (f"{label} and form error", form.values)
         )
@@ -162,18 +162,21 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
     row_layout, channel_index = select_shown_groups(diagnosis), find_main_channel(diagnosis)
     channel = diagnosis.problem.channels[channel_index]
     residual = to_display(
-        channel, diagnosis.problem.measured[channel_index] - diagnosis.held_out_errors.before[channel_index]
+        channel,
+        diagnosis.problem.measured[channel_index]
+        - diagnosis.held_out_errors.baseline_prediction[channel_index],
     )
     correction = to_display(
         channel,
-        diagnosis.held_out_errors.after[channel_index] - diagnosis.held_out_errors.before[channel_index],
+        diagnosis.held_out_errors.model_prediction[channel_index]
+        - diagnosis.held_out_errors.baseline_prediction[channel_index],
     )
     contributions = [("contribution", correction, np.zeros_like(correction), OKABE_ITO["blue"])]
     if diagnosis.form_prediction is not None:
         form = diagnosis.form_prediction
         with_form, sd = (
             to_display(channel, values[channel_index])
-            for values in (form.values - diagnosis.held_out_errors.before, form.sd)
+            for values in (form.values - diagnosis.held_out_errors.baseline_prediction, form.sd)
         )
         contributions.append(("form-error", with_form, sd, OKABE_ITO["orange"]))
     group_count = len(row_layout.names)

@@ -33,7 +33,7 @@ _TITLE_LETTERS = 34
 
 
 def plot_story(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
-    """Return residuals before, the rival mechanisms, and residuals after; None without a mechanism.
+    """Return residuals of baseline and model, and the rival mechanisms between; None without a mechanism.
 
     The residuals of held-out blocks are those of fits without them.
     """
@@ -43,24 +43,26 @@ def plot_story(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
     channel = diagnosis.problem.channels[channel_index]
     row_layout = build_layout(diagnosis.problem.case)
     measured = diagnosis.problem.measured[channel_index]
-    before, after = (
+    baseline_residual, model_residual = (
         measured - p[channel_index]
-        for p in (diagnosis.held_out_errors.before, diagnosis.held_out_errors.after)
+        for p in (diagnosis.held_out_errors.baseline_prediction, diagnosis.held_out_errors.model_prediction)
     )
     noise = diagnosis.as_dict()["noise"][channel]["sd"]
     with apply_theme():
         drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 7.2 if narrow else 2.9)
         panels = list(drawing.subplots(*((3, 1) if narrow else (1, 3))).flat)
-        limit = 1.1 * float(np.nanmax(np.abs(to_display(channel, before))))
+        limit = 1.1 * float(np.nanmax(np.abs(to_display(channel, baseline_residual))))
         for panel, residual, model in (
-            (panels[0], before, "baseline"),
-            (panels[2], after, "model"),
+            (panels[0], baseline_residual, "baseline"),
+            (panels[2], model_residual, "model"),
         ):
             _plot_residual(panel, to_display(channel, residual), row_layout, noise)
             panel.set(ylim=(-limit, limit), xlabel=row_layout.xlabel)
             panel.set_ylabel(f"{channel}: measured − {model} [{DISPLAY_UNIT[channel]}]")
         _plot_rivals(panels[1], diagnosis)
-        for panel, title in zip(panels, _format_steps(diagnosis, channel, before, after), strict=True):
+        for panel, title in zip(
+            panels, _format_steps(diagnosis, channel, baseline_residual, model_residual), strict=True
+        ):
             panel.set_title(textwrap.fill(title, _TITLE_LETTERS))
         add_key(
             drawing,
@@ -99,14 +101,19 @@ def _plot_rivals(panel: Panel, diagnosis: Diagnosis) -> None:
     panel.set(yticks=[], xlabel="χ² above the best mechanism")
 
 
-def _format_steps(diagnosis: Diagnosis, channel: str, before: np.ndarray, after: np.ndarray) -> list[str]:
+def _format_steps(
+    diagnosis: Diagnosis, channel: str, baseline_residual: np.ndarray, model_residual: np.ndarray
+) -> list[str]:
     """Return the titles of the three steps."""
     titles = join_words([find_mechanism(m.id).about.title for m in diagnosis.named_mechanisms])
-    before_text, after_text = (format_channel_value(compute_rms(x), channel) for x in (before, after))
+    baseline_text, model_text = (
+        format_channel_value(compute_rms(residual), channel)
+        for residual in (baseline_residual, model_residual)
+    )
     noise = diagnosis.as_dict()["noise"][channel]["sd"]
     noise_text = format_channel_value(noise * compute_si_factor(DISPLAY_UNIT[channel]), channel)
     return [
-        f"1. Misfit: the baseline misses {channel} by {before_text}",
+        f"1. Misfit: the baseline misses {channel} by {baseline_text}",
         f"2. Name: {titles}",
-        f"3. Fit: {after_text} remain beside a noise of {noise_text}",
+        f"3. Fit: {model_text} remain beside a noise of {noise_text}",
     ]

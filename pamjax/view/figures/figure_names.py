@@ -138,7 +138,7 @@ def _(diagnosis: Diagnosis) -> dict[str, PlotFunction]:
     if diagnosis.named_mechanisms:
         functions["story"] = partial(plot_story, diagnosis)
         functions["residuals"] = partial(plot_explained_residuals, diagnosis)
-    if diagnosis.held_out_errors.rmse_before:
+    if diagnosis.held_out_errors.baseline_rmse:
         functions["held-out"] = partial(plot_held_out_scores, diagnosis)
     if diagnosis.parameter_shifts:
         functions["shifts"] = partial(plot_shifts, diagnosis)

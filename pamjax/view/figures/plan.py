@@ -104,7 +104,7 @@ def _plot_precision_course(panel: Axes, plan: Plan, course: PrecisionCourse) -> 
 
 def _format_reached_precision(plan: Plan, course: PrecisionCourse) -> str:
     """Return the title: the expected precision of the goal, and the time."""
-    sd_text = format_quantity(plan.expected_sds[course.name].sd_after, course.unit, 2)
+    sd_text = format_quantity(plan.expected_sds[course.name].expected_sd, course.unit, 2)
     return f"Expected sd of {course.name}: {sd_text} after {format_minutes(plan.minutes)}"
 
 

@@ -215,16 +215,16 @@ def _describe_comparison(comparison: ModelComparison) -> dict[str, Any]:
 
 
 def _list_shifts(diagnosis: Diagnosis) -> Iterator[list[str]]:
-    """Yield each baseline parameter before and after, largest shift first."""
-    baseline_before = get_baseline_estimates(diagnosis)
-    for name, shift in sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift)):
+    """Yield each baseline parameter without and with the mechanisms, largest shift first."""
+    baseline_estimates = get_baseline_estimates(diagnosis)
+    for name, shift in sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift_in_sd)):
         index = diagnosis.problem.index(name)
-        after = _format_quantity(shift.after, diagnosis.model.sd(index), shift.meaning)
+        model_text = _format_quantity(shift.model_value, diagnosis.model.sd(index), shift.meaning)
         yield [
             name,
-            _format_quantity(shift.before, baseline_before[name].sd, shift.meaning),
-            after,
-            f"{format_signed(shift.shift)} sd",
+            _format_quantity(shift.baseline_value, baseline_estimates[name].sd, shift.meaning),
+            model_text,
+            f"{format_signed(shift.shift_in_sd)} sd",
         ]
 
 

@@ -132,15 +132,15 @@ def _describe_location(diagnosis: Diagnosis) -> tuple[str, ...]:
 def _describe_held_out_errors(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return the held-out error of each channel without and with the mechanisms, beside the noise."""
     errors, noise = diagnosis.held_out_errors, diagnosis.as_dict()["noise"]
-    if not errors.rmse_before:
+    if not errors.baseline_rmse:
         independent = "no independent rows confirm this result"
         return (f"No block was held out, because the recording has too few blocks: {independent}.",)
     parts = []
-    for channel, before in errors.rmse_before.items():
+    for channel, baseline_rmse in errors.baseline_rmse.items():
         unit = DISPLAY_UNIT[channel]
-        change = f"{to_display(channel, before):.3g}"
+        change = f"{to_display(channel, baseline_rmse):.3g}"
         if diagnosis.named_mechanisms:
-            change += f" → {to_display(channel, errors.rmse_after[channel]):.3g}"
+            change += f" → {to_display(channel, errors.model_rmse[channel]):.3g}"
         parts.append(f"{channel} {change} {unit} (noise {noise[channel]['sd']:.3g} {unit})")
     return (f"RMS error of held-out blocks ({errors.blocks.split(':')[0]}): {'; '.join(parts)}.",)
 
@@ -148,13 +148,13 @@ def _describe_held_out_errors(diagnosis: Diagnosis) -> tuple[str, ...]:
 def list_held_out_bars(diagnosis: Diagnosis) -> list[HeldOutBar]:
     """Return the bars of the channels whose held-out error changes by a tenth or more."""
     errors, noise, bars = diagnosis.held_out_errors, diagnosis.as_dict()["noise"], []
-    for channel, before in errors.rmse_before.items() if diagnosis.named_mechanisms else ():
-        after = errors.rmse_after[channel]
-        if 0.9 < after / before < 1.1:
+    for channel, baseline_rmse in errors.baseline_rmse.items() if diagnosis.named_mechanisms else ():
+        model_rmse = errors.model_rmse[channel]
+        if 0.9 < model_rmse / baseline_rmse < 1.1:
             continue
         values = {
-            "baseline": to_display(channel, before),
-            "with mechanisms": to_display(channel, after),
+            "baseline": to_display(channel, baseline_rmse),
+            "with mechanisms": to_display(channel, model_rmse),
             "noise": noise[channel]["sd"],
         }
         largest, unit = max(values.values()), DISPLAY_UNIT[channel]
@@ -177,7 +177,7 @@ def _describe_next_step(diagnosis: Diagnosis) -> tuple[str, ...]:
         return ("Check the rig and the muscle in the regions of the unexplained part, then record again.",)
     if diagnosis.is_faint:
         return ("Use the baseline, or record more cycles: a longer recording can identify a smaller effect.",)
-    if diagnosis.named_mechanisms and not diagnosis.held_out_errors.rmse_before:
+    if diagnosis.named_mechanisms and not diagnosis.held_out_errors.baseline_rmse:
         return ("Record at least three pressures, so that a block can be held out.",)
     return (validate,)
 

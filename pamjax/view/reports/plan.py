@@ -107,10 +107,10 @@ def _format_expected_result(plan: Plan) -> tuple[str, str]:
             "No measurement is needed.",
             "For a smaller standard deviation use `--to`; for another parameter use `--goal`.",
         )
-    expected, unit = plan.expected_sds[plan.goal], find_meaning(plan.goal).show
+    current_sd, unit = plan.expected_sds[plan.goal].current_sd, find_meaning(plan.goal).show
     result = (
-        f"reduces the standard deviation of {plan.goal} from ± {format_quantity(expected.sd_before, unit, 2)}"
-        if math.isfinite(expected.sd_before)
+        f"reduces the standard deviation of {plan.goal} from ± {format_quantity(current_sd, unit, 2)}"
+        if math.isfinite(current_sd)
         else f"determines {plan.goal}"
     )
     first_sentence = f"Perform {_format_runs(plan)}. This {result} {format_precision(plan, plan.sd)}."
@@ -127,16 +127,16 @@ def _capitalise(sentence: str) -> str:
 
 def _build_expected_row(name: str, expected: ExpectedSd) -> list[str]:
     meaning = find_meaning(name)
-    before_text = (
-        f"± {format_quantity(expected.sd_before, meaning.show, 2)}"
-        if math.isfinite(expected.sd_before)
+    current_text = (
+        f"± {format_quantity(expected.current_sd, meaning.show, 2)}"
+        if math.isfinite(expected.current_sd)
         else "unknown"
     )
     return [
         name,
         format_quantity(expected.value, meaning.show),
-        before_text,
-        f"± {format_quantity(expected.sd_after, meaning.show, 2)}",
+        current_text,
+        f"± {format_quantity(expected.expected_sd, meaning.show, 2)}",
         meaning.about,
     ]
 

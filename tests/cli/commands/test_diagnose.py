@@ -49,8 +49,8 @@ def test_report_is_optional(wanted, bench, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(
         "pamjax.baselines.comparison._predict_without_rows",
         lambda diagnosis_result, out: (
-            diagnosis_result.held_out_errors.before,
-            diagnosis_result.held_out_errors.after,
+            diagnosis_result.held_out_errors.baseline_prediction,
+            diagnosis_result.held_out_errors.model_prediction,
         ),
     )
     option = ["--report"] if wanted else ["--no-report"]

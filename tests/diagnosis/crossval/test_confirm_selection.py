@@ -39,18 +39,20 @@ def test_values_of_held_out_blocks_change_neither_the_names_nor_the_predictions(
     assert [(m.id, m.probability) for m in changed.named_mechanisms] == [
         (m.id, m.probability) for m in diagnosis.named_mechanisms
     ]
-    agree(changed.held_out_errors.before, diagnosis.held_out_errors.before, to=SOLVED)
-    agree(changed.held_out_errors.after, diagnosis.held_out_errors.after, to=SOLVED)
+    agree(
+        changed.held_out_errors.baseline_prediction, diagnosis.held_out_errors.baseline_prediction, to=SOLVED
+    )
+    agree(changed.held_out_errors.model_prediction, diagnosis.held_out_errors.model_prediction, to=SOLVED)
     # The values themselves are compared with the predictions, and the final fit uses them.
-    assert changed.held_out_errors.rmse_after["force"] > 30.0
+    assert changed.held_out_errors.model_rmse["force"] > 30.0
     assert np.nanmax(np.abs(changed.model.estimate.values - diagnosis.model.estimate.values)) > 0
 
 
 def test_a_named_mechanism_predicts_held_out_blocks_to_the_noise():
     errors = diagnose_bank(RUBBER).held_out_errors
-    noise = diagnose_bank(BankRecording()).held_out_errors.rmse_before["force"]
-    assert errors.rmse_before["force"] > 5 * noise
-    assert errors.rmse_after["force"] < 1.2 * noise
+    noise = diagnose_bank(BankRecording()).held_out_errors.baseline_rmse["force"]
+    assert errors.baseline_rmse["force"] > 5 * noise
+    assert errors.model_rmse["force"] < 1.2 * noise
 
 
 def test_whole_isobars_inside_the_range_are_held_out():
@@ -90,7 +92,7 @@ def test_two_blocks_are_too_few_to_hold_one_out():
     friction = BankRecording(1, only="braid_friction", smallest=12.0, largest=12.0, pressures=(4,))
     diagnosis = diagnose_bank(friction)
     assert not diagnosis.held_out_errors.held_out.any()
-    assert diagnosis.held_out_errors.rmse_after == {}
+    assert diagnosis.held_out_errors.model_rmse == {}
     check_identified(diagnosis, ["braid_friction"])
 
 

@@ -114,8 +114,8 @@ def test_scores_of_held_out_blocks_are_shown_with_their_noise():
     force, _ = panels(plot_held_out_scores(result))
     document = result.as_dict()
     scores = document["improvement"]["held_out"]["force"]
-    assert select_artists(force, "before")[0].get_xdata()[-1] == pytest.approx(scores["rmse_before"])
-    assert select_artists(force, "after")[0].get_xdata()[-1] == pytest.approx(scores["rmse_after"])
+    assert select_artists(force, "baseline")[0].get_xdata()[-1] == pytest.approx(scores["rmse_before"])
+    assert select_artists(force, "model")[0].get_xdata()[-1] == pytest.approx(scores["rmse_after"])
     assert select_artists(force, "noise")[0].get_xdata()[0] == pytest.approx(document["noise"]["force"]["sd"])
     assert [tick.get_text() for tick in force.get_yticklabels()] == ["isobar 300 kPa"]
 

@@ -144,7 +144,8 @@ def test_exact_mechanism_has_no_form_error(tmp_path):
 
 def test_unchanged_parameter_has_no_sign():
     result = diagnosis()
-    result.parameter_shifts["muscle.turns"] = replace(result.parameter_shifts["muscle.turns"], shift=-0.04)
+    shift = result.parameter_shifts["muscle.turns"]
+    result.parameter_shifts["muscle.turns"] = replace(shift, shift_in_sd=-0.04)
     assert [row[-1] for row in _list_shifts(result)] == ["+8.9 sd", "0.0 sd"]
 
 
@@ -186,7 +187,7 @@ def test_first_screen_answers_five_questions_in_order():
     assert "p < 1e-12" in answers["How sure"]
     assert answers["Where"].startswith("Above 100 kPa")
     before, after = (
-        s["force"] for s in (result.held_out_errors.rmse_before, result.held_out_errors.rmse_after)
+        s["force"] for s in (result.held_out_errors.baseline_rmse, result.held_out_errors.model_rmse)
     )
     assert f"force {before:.3g} → {after:.3g} N (noise 2 N); diameter" in answers["How much better"]
     assert "pamjax validate model.json OTHER" in answers["Next"]
@@ -308,7 +309,9 @@ def test_a_recording_with_too_few_blocks_says_that_nothing_was_held_out():
     held_out = result.held_out_errors.held_out
     assert "The mechanisms were selected without the held-out blocks." in read_report("friction")
     assert "no block was held out" not in str(result)
-    errors = replace(result.held_out_errors, held_out=np.zeros_like(held_out), rmse_before={}, rmse_after={})
+    errors = replace(
+        result.held_out_errors, held_out=np.zeros_like(held_out), baseline_rmse={}, model_rmse={}
+    )
     without = replace(result, held_out_errors=errors)
     assert "no block was held out (too few blocks): no independent rows confirm" in str(without)
     with TemporaryDirectory() as folder:
