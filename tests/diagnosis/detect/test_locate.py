@@ -5,7 +5,9 @@ import pytest
 
 from pamjax.diagnosis.detect.locate import (
     Box,
+    _compute_weighted_range,
     _divide_shares,
+    _find_direction,
     _format_box,
     _format_extremes,
     _split_box,
@@ -147,4 +149,22 @@ def test_extremes_of_different_directions_are_reported_with_their_direction():
     parts = _split_box(DEFAULT_SETTINGS, np.ones(200, bool), at)
     assert _format_extremes(DEFAULT_SETTINGS, off, parts, at, 1.0, "N") == (
         "between about 10 N lower (shortening) and about 50 N higher (lengthening)"
+    )
+
+
+def test_region_contains_the_middle_of_the_weight():
+    values = np.linspace(0, 1, 1001)
+    low, high = _compute_weighted_range(
+        DEFAULT_SETTINGS, values, np.where((values > 0.2) & (values < 0.6), 1.0, 0.0)
+    )
+    assert (low, high) == (pytest.approx(0.22, abs=0.01), pytest.approx(0.58, abs=0.01))
+
+
+@pytest.mark.parametrize(
+    ("short", "long", "still", "word"),
+    [(1, 1, 0, "both"), (1, 0.1, 0, "shortening"), (0.1, 1, 0, "lengthening"), (1, 0, 5, "both")],
+)
+def test_direction_counts_above_fifteen_percent(short, long, still, word):
+    assert (
+        _find_direction(DEFAULT_SETTINGS, np.array([-1, 1, 0]), np.array([short, long, still], float)) == word
     )
