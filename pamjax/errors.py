@@ -39,7 +39,8 @@ def compose_message(rule: str, got: str = "", where: str = "", remedy: str = "")
         rule: the condition, as "`length` must be shorter than the thread (300 mm)".
         got: the actual value, with its unit.
         where: file, row and column, as "row 41 of recording.csv".
-        remedy: instruction to the user, in the imperative.
+        remedy: instruction to the user, in the imperative; "" if the rule itself states what to write, as
+            "`seed` must be at least 0".
 
     >>> compose_message("`length` must be positive", "-3 mm", "row 4 of a.csv", "Check its sign.")
     '`length` must be positive; got -3 mm in row 4 of a.csv. Check its sign.'

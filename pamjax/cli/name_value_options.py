@@ -31,7 +31,10 @@ def _parse_parameter_value(text: str) -> tuple[str, float]:
     name, equals, quantity = text.partition("=")
     if not equals:
         raise BadInput.from_rule(
-            "a setting must have the form mechanism.parameter=value", f"{text!r}", "--with"
+            "a value must have the form mechanism.parameter=value",
+            f"{text!r}",
+            "--with",
+            "Write it as braid_friction.coefficient=0.2.",
         )
     meaning = find_meaning(name.strip(), "--with")
     value = parse_number(quantity, meaning.unit, f"--with {name}")

@@ -356,5 +356,9 @@ def inverse(
     result = Inverse(bare_muscle, *((float(low), float(high)) for low, high in ranges))
     for name, (low, high) in (("pressures", result.pressures), ("lengths", result.lengths)):
         if not low < high:
-            raise BadInput.from_rule(f"`{name}` must be a lower and a higher limit", f"{low:g} to {high:g}")
+            raise BadInput.from_rule(
+                f"`{name}` must be a lower and a higher limit",
+                f"{low:g} to {high:g}",
+                remedy="State the lower limit first.",
+            )
     return result

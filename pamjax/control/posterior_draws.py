@@ -145,7 +145,10 @@ def load_draws(file: Path, loaded: LoadedMuscle) -> PosteriorDraws:
     samples = {name: values for name, values in case_samples.items() if name in loaded.numbers}
     if not samples:
         raise BadInput.from_rule(
-            "a posterior must have a parameter of this muscle", ", ".join(all_samples), file.name
+            "a posterior must have a parameter of this muscle",
+            ", ".join(all_samples),
+            file.name,
+            "Name the posterior of this muscle.",
         )
     size = next(iter(samples.values())).size
     rows = np.linspace(0, size - 1, DRAW_COUNT).round().astype(int)

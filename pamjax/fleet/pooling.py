@@ -87,9 +87,12 @@ def pool_estimates(estimate: np.ndarray, sd: np.ndarray, distribution_count: int
     """
     estimate, sd = np.asarray(estimate, float), np.asarray(sd, float)
     if len(estimate) < MIN_SPECIMENS:
-        raise BadInput.from_rule(f"a distribution needs {MIN_SPECIMENS} specimens", f"{len(estimate)}")
+        rule = f"a distribution needs {MIN_SPECIMENS} specimens"
+        raise BadInput.from_rule(rule, f"{len(estimate)}", remedy="Add specimens.")
     if not (np.isfinite(estimate).all() and np.isfinite(sd).all() and (sd > 0).all()):
-        raise BadInput.from_rule("estimates must be finite, and their sd positive")
+        raise BadInput.from_rule(
+            "estimates must be finite, and their sd positive", remedy="Remove the other estimates."
+        )
     # Relative to its median, a parameter with a large mean keeps its digits.
     centre, scale = float(np.median(estimate)), float(np.ptp(estimate) + sd.max())
     y, s = (estimate - centre) / scale, sd / scale

@@ -51,7 +51,9 @@ def assemble(law: str, numbers: Mapping[str, Array]) -> Muscle:
         )
     except KeyError as error:
         raise BadInput.from_rule(
-            f"a muscle needs the parameter `{error.args[0]}`", ", ".join(numbers)
+            f"a muscle needs the parameter `{error.args[0]}`",
+            ", ".join(numbers),
+            remedy="Add its value in SI units.",
         ) from error
 
 

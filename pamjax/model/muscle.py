@@ -201,7 +201,9 @@ def predict(
     if len({x.shape for x in inputs if x.shape != (1,)}) > 1 or max(x.ndim for x in inputs) > 1:
         shapes = " and ".join(str(x.shape) for x in inputs)
         raise BadInput.from_rule(
-            "`pressure` and `length` must have equal lengths, or one must be a single number", shapes
+            "`pressure` and `length` must have equal lengths, or one must be a single number",
+            shapes,
+            remedy="Pass one pressure for each length.",
         )
     return _predict_batch(bare_muscle, *jnp.broadcast_arrays(*inputs))
 

@@ -160,7 +160,9 @@ def discriminate(
     for id in (first, second):
         find_mechanism(id)
     if first == second:
-        raise BadInput.from_rule("a discrimination needs two different mechanisms", f"{first!r} twice")
+        raise BadInput.from_rule(
+            "a discrimination needs two different mechanisms", f"{first!r} twice", remedy="Name another one."
+        )
     library_problem = build_library_problem(case)
     available_ids = {candidate.id for candidate in build_candidates(library_problem)}
     for id in (first, second):
@@ -221,7 +223,7 @@ def _build_unavailable_error(id: str, case: Case) -> BadInput:
         remedy = "Record strokes first: `plan` proposes runs."
         return BadInput.from_rule(rule, "a table without time", case.name, remedy)
     rule = "both mechanisms must have an effect on the recording that its baseline does not include"
-    return BadInput.from_rule(rule, f"{id!r} without such an effect", case.name)
+    return BadInput.from_rule(rule, f"{id!r} without such an effect", case.name, "Name another mechanism.")
 
 
 def save_discrimination(discrimination: Discrimination, folder: Path) -> list[Path]:

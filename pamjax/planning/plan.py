@@ -296,7 +296,10 @@ def _resolve_goal(own_names: list[str], goal: str | None) -> str:
 def _resolve_target_sd(prior: PriorInformation, goal: str, to: str | float | None) -> float:
     if goal == ALL_PARAMETERS:
         if to is not None:
-            raise BadInput.from_rule("the goal `all` has no wanted standard deviation", f"{to} in `to`")
+            remedy = "Omit `to`, or name one parameter as goal."
+            raise BadInput.from_rule(
+                "the goal `all` has no wanted standard deviation", f"{to}", "`to`", remedy
+            )
         return 0.0
     value = abs(float(prior.mean[prior.find_index(goal)]))
     if to is None:

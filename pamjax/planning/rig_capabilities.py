@@ -197,7 +197,10 @@ def _parse_entry(name: str, value: Any, file: str) -> float | None:
     quantity = parse_quantity(value, ENTRY_KINDS[name], f"{name} of {file}")
     if name == "contraction" and quantity >= _MAX_RIG_CONTRACTION:
         raise BadInput.from_rule(
-            f"rig entry `contraction` must be a fraction below {_MAX_RIG_CONTRACTION:g}", f"{value}", file
+            f"rig entry `contraction` must be a fraction below {_MAX_RIG_CONTRACTION:g}",
+            f"{value}",
+            file,
+            'Write 0.3 or "30 %".',
         )
     if quantity < 0 or (quantity == 0 and name not in ("setup", "correlation_time")):
         raise BadInput.from_rule(f"rig entry `{name}` must be positive", f"{value}", file)
@@ -208,6 +211,9 @@ def _read_rig_file(path: Path) -> dict[str, Any]:
     document = parse_toml(read_bytes(path), path.name)
     if set(document) != {"rig"} or not isinstance(document["rig"], dict):
         raise BadInput.from_rule(
-            "a rig file must have one table, [rig]", ", ".join(document) or "none", path.name
+            "a rig file must have one table, [rig]",
+            ", ".join(document) or "none",
+            path.name,
+            "Write [rig] above all entries.",
         )
     return document["rig"]

@@ -113,7 +113,9 @@ def ensure_case(source: Case | str | Path) -> Case:
         return source
     if not isinstance(source, str | Path):
         raise BadInput.from_rule(
-            "a case must be a folder, or a result of `read_case` or `case_from`", repr(source)[:60]
+            "a case must be a folder, or a result of `read_case` or `case_from`",
+            repr(source)[:60],
+            remedy="Pass the path of a case folder.",
         )
     return read_case(source)
 
@@ -133,6 +135,7 @@ def ensure_case_or_toml(source: MuscleToml | Case | str | Path) -> MuscleToml | 
         raise BadInput.from_rule(
             "a muscle must be a case, a folder, a muscle.toml, or a result of `read_muscle_toml`",
             repr(source)[:60],
+            remedy="Pass the path of a case folder.",
         )
     path = Path(source)
     if (path / RECORDING_FILE).exists():

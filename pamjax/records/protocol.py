@@ -100,7 +100,10 @@ class Protocol(BaseModel):
         for p in pressures:
             if p < 0:
                 raise BadInput.from_rule(
-                    "`pressures` must be gauge pressures of at least 0", f"{p / 1e3:g} kPa", where
+                    "`pressures` must be gauge pressures of at least 0",
+                    f"{p / 1e3:g} kPa",
+                    where,
+                    "Check the sign.",
                 )
         _check_size(self._compute_duration(rest_length, len(pressures), speed, duration) / step)
         pieces = {"strokes": self._build_strokes, "ramps": self._build_ramps, "holds": self._build_holds}[
@@ -144,6 +147,7 @@ class Protocol(BaseModel):
                 "`contractions` of strokes must have one number, or one for each pressure",
                 f"{len(max_contractions)} for {len(pressures)} pressures",
                 "[protocol]",
+                "Check the number of entries of both lists.",
             )
         for pressure, contraction in zip(pressures, max_contractions, strict=True):
             cycle_contraction = contraction * _build_ramp_cycle(rest * abs(contraction) / speed, step)
@@ -203,7 +207,10 @@ def read_protocol(path: Path) -> Protocol:
     document = parse_toml(read_bytes(path), path.name)
     if set(document) != {"protocol"}:
         raise BadInput.from_rule(
-            "a protocol must have one table, [protocol]", ", ".join(document) or "none", path.name
+            "a protocol must have one table, [protocol]",
+            ", ".join(document) or "none",
+            path.name,
+            "Write [protocol] above all entries.",
         )
     try:
         return Protocol.model_validate(document["protocol"])

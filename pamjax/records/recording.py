@@ -115,7 +115,8 @@ class Recording:
         for name, values in columns.items():
             if np.shape(values) != (n,):
                 got = f"shapes {np.shape(values)} and ({n},)"
-                raise BadInput.from_rule(f"`{name}` must have as many rows as `pressure`", got)
+                remedy = "Pass one value for each row."
+                raise BadInput.from_rule(f"`{name}` must have as many rows as `pressure`", got, remedy=remedy)
         arrays = {name: np.asarray(values, dtype=float) for name, values in columns.items()}
         return cls(
             time=arrays.get("time"),

@@ -77,7 +77,9 @@ def test_selection_keeps_line_numbers_and_remarks():
 def test_columns_must_have_equal_lengths():
     with pytest.raises(BadInput) as error:
         Recording.from_arrays(pressure=[1e5, 2e5], length=0.2, force=[1.0])
-    assert str(error.value) == "`force` must have as many rows as `pressure`; got shapes (1,) and (2,)."
+    assert str(error.value) == (
+        "`force` must have as many rows as `pressure`; got shapes (1,) and (2,). Pass one value for each row."
+    )
 
 
 def test_table_has_display_units():

@@ -77,7 +77,9 @@ def plan(
             f"`--{option}`" for option, value in (("goal", goal), ("to", to), ("minutes", minutes)) if value
         ]:
             raise BadInput.from_rule(
-                "`--tell` cannot be combined with `--goal`, `--to` or `--minutes`", ", ".join(extra_options)
+                "`--tell` cannot be combined with `--goal`, `--to` or `--minutes`",
+                ", ".join(extra_options),
+                remedy="Omit them.",
             )
         if rig is not None:
             raise BadInput.from_rule(

@@ -17,7 +17,7 @@ from pamjax.records.case import Case
 def choose_law(cases: Sequence[Case], law: str | None) -> str:
     """Return the thread law of all cases, and refuse cases that cannot be fitted together."""
     if not cases:
-        raise BadInput.from_rule("a fit needs at least one case", "none")
+        raise BadInput.from_rule("a fit needs at least one case", "none", remedy="Pass a case folder.")
     names = [case.name for case in cases]
     for name in names:
         if names.count(name) > 1:

@@ -152,7 +152,10 @@ def _load_calibrated(file: Path, case: str | None, settings: Mapping[str, float]
         document = json.loads(raw)
     # Python's reader of JSON ends in a RecursionError on thousands of brackets.
     except (ValueError, RecursionError) as error:
-        raise BadInput.from_rule("a calibrated muscle is a fit.json", str(error), file.name) from error
+        remedy = "Name the fit.json that `pamjax fit` wrote."
+        raise BadInput.from_rule(
+            "a calibrated muscle is a fit.json", str(error), file.name, remedy
+        ) from error
     if not isinstance(document, dict) or document.get("schema") != FIT_SCHEMA:
         got = document.get("schema", "no schema") if isinstance(document, dict) else "no object"
         remedy = "Use the model.json in the same folder." if (file.parent / "model.json").exists() else ""

@@ -119,7 +119,9 @@ def compare(posteriors: Sequence[str | Path]) -> PosteriorComparison:
     """
     files = [Path(path) for path in posteriors]
     if not files:
-        raise BadInput.from_rule("a comparison needs a posterior", "none")
+        raise BadInput.from_rule(
+            "a comparison needs a posterior", "none", remedy="Name the folders that `pamjax sample` wrote."
+        )
     read_scores = [_read_score(path) for path in files]
     for (score, observed_data), path in zip(read_scores, files, strict=True):
         if not _are_data_equal(read_scores[0][1], observed_data) or score.blocks != read_scores[0][0].blocks:
@@ -140,7 +142,10 @@ def _read_score(path: Path) -> tuple[PosteriorScore, dict[str, np.ndarray]]:
         tree = xr.open_datatree(file, engine="h5netcdf")
     except (OSError, ValueError) as error:
         raise BadInput.from_rule(
-            "a posterior is a netCDF that `pamjax sample` wrote", "another file", str(file)
+            "a posterior is a netCDF that `pamjax sample` wrote",
+            "another file",
+            str(file),
+            "Name posterior.nc.",
         ) from error
     with tree:
         if tree.attrs.get("schema") != POSTERIOR_SCHEMA:
@@ -148,6 +153,7 @@ def _read_score(path: Path) -> tuple[PosteriorScore, dict[str, np.ndarray]]:
                 f"a posterior is a file of schema {POSTERIOR_SCHEMA}",
                 str(tree.attrs.get("schema")),
                 str(file),
+                "Run `pamjax sample` again.",
             )
         model = ", ".join((f"{tree.attrs['law']} threads", *json.loads(tree.attrs["mechanisms"])))
         names, block_scores, pareto_k = [], [], []

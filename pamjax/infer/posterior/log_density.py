@@ -194,7 +194,8 @@ def _apply_prior(parameter: FreeParameter, prior: Mapping[str, Any] | None) -> F
     low, high = prior.get("low", meaning.low), prior.get("high", meaning.high)
     if not meaning.low <= low < high <= meaning.high:
         rule = f"the bounds of `{parameter.name}` must be ascending and within its physical bounds"
-        raise BadInput.from_rule(rule, f"{low:g} to {high:g} {meaning.unit}", "the priors")
+        remedy = "Change `low` or `high`."
+        raise BadInput.from_rule(rule, f"{low:g} to {high:g} {meaning.unit}", "the priors", remedy)
     start = prior.get(
         "value", min(max(parameter.start, low + 1e-3 * (high - low)), high - 1e-3 * (high - low))
     )

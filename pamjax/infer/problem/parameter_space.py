@@ -160,7 +160,9 @@ def build_space(parameters: Sequence[FreeParameter]) -> ParameterSpace:
     names = tuple(n.name for n in parameters)
     for name in names:
         if names.count(name) > 1:
-            raise BadInput.from_rule("free parameters need different names", f"{name!r} twice")
+            raise BadInput.from_rule(
+                "free parameters need different names", f"{name!r} twice", remedy="Rename one."
+            )
     log = np.array([n.meaning.scale == "log" for n in parameters], dtype=bool)
     low = np.array([n.meaning.low for n in parameters], dtype=float)
     high = np.array([n.meaning.high for n in parameters], dtype=float)

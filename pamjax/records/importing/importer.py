@@ -227,7 +227,7 @@ def _read_clock(spec: ImportSpec, file: RigFile) -> np.ndarray | None:
         return None
     rate = parse_quantity(spec.files.rate, "frequency", "[files] rate")
     if rate <= 0:
-        raise BadInput.from_rule("`rate` must be positive", spec.files.rate, "[files]")
+        raise BadInput.from_rule("`rate` must be positive", spec.files.rate, "[files]", "Check its sign.")
     first = next(c.column for name, c in spec.columns.items() if name != "time")
     return np.arange(len(file[first])) / rate
 

@@ -212,8 +212,12 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
             where,
             suggest_word(raw, choices),
         )
-    kind = "a table" if len(path) == 1 else "a text in quotes"
-    return BadInput.from_rule(f"`{path[-1]}` must be {kind}", f"{first['input']!r}", where)
+    kind, remedy = (
+        ("a table", f"Write [{path[0]}] above its entries.")
+        if len(path) == 1
+        else ("a text in quotes", "Add the quotes.")
+    )
+    return BadInput.from_rule(f"`{path[-1]}` must be {kind}", f"{first['input']!r}", where, remedy)
 
 
 def _build_unknown_error(path: list[str], where: str) -> BadInput:

@@ -244,7 +244,12 @@ def plot_held_out(case_fit: CaseFit, narrow: bool = False) -> Figure:
         BadInput: if no block was held out.
     """
     if case_fit.held_out is None:
-        raise BadInput.from_rule("this figure needs held-out blocks", "one block", case_fit.case.name)
+        raise BadInput.from_rule(
+            "this figure needs held-out blocks",
+            "one block",
+            case_fit.case.name,
+            "Record at another pressure or length.",
+        )
     channels = list(case_fit.held_out.rmse)
     block_names = _order_blocks(case_fit)
     with apply_theme():

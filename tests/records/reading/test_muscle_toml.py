@@ -247,7 +247,7 @@ def test_invalid_toml_is_refused():
         (
             "1.2",
             "1.2\n[columns]\nforce = 3",
-            "`force` must be a text in quotes; got 3 in [columns] of muscle.toml.",
+            "`force` must be a text in quotes; got 3 in [columns] of muscle.toml. Add the quotes.",
         ),
     ],
 )
