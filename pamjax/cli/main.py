@@ -12,8 +12,8 @@ from typing import NoReturn
 from cyclopts import App, CycloptsError
 
 from pamjax.cli.help import ParagraphFormatter
-from pamjax.cli.misused import format_usage_error, name_options
 from pamjax.cli.process import describe_missing_device, prepare_streams
+from pamjax.cli.usage_errors import format_usage_error, name_options
 from pamjax.errors import BadInput
 
 #: Exit codes: success, bad input, interruption by Ctrl-C, termination by another process.
