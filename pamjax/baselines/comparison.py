@@ -155,14 +155,14 @@ def compare_models(diagnosis: Diagnosis, seed: int = 0) -> ModelComparison | Non
     if problem.case.recording.measures_length:
         return None
     splits = []
-    if errors.held_out.any():
-        rows = errors.blocks.split(": ")[-1]
+    if errors.held_out_rows.any():
+        rows = errors.block_description.split(": ")[-1]
         splits.append(
             _evaluate_split(
                 diagnosis,
                 _HELD_OUT_SPLIT,
                 rows,
-                errors.held_out,
+                errors.held_out_rows,
                 errors.baseline_prediction,
                 errors.model_prediction,
                 seed,

@@ -311,7 +311,7 @@ def _compute_noise_sd(diagnosis: Diagnosis) -> np.ndarray:
 def _divide_by_noise(diagnosis: Diagnosis, rmse: dict[str, float], noise: np.ndarray) -> dict[str, float]:
     out = {}
     for c, channel in enumerate(CHANNELS):
-        rows = diagnosis.held_out_errors.held_out & np.isfinite(diagnosis.problem.measured[c])
+        rows = diagnosis.held_out_errors.held_out_rows & np.isfinite(diagnosis.problem.measured[c])
         if channel in rmse and rows.any():
             out[channel] = rmse[channel] / float(np.sqrt(np.mean(noise[c][rows] ** 2)))
     return out
@@ -371,14 +371,14 @@ def _build_recovered(
 
 
 def _fit_competitors(diagnosis: Diagnosis, noise: np.ndarray) -> dict[str, Any]:
-    problem, training_rows, out = diagnosis.problem, ~diagnosis.held_out_errors.held_out, {}
+    problem, training_rows, out = diagnosis.problem, ~diagnosis.held_out_errors.held_out_rows, {}
     selection = select_by_bic(problem, training_rows)
     out["selected"] = selection.ids
     baseline = diagnosis.held_out_errors.baseline_prediction[0]
     curve = baseline + predict_discrepancy(
         build_inputs(problem), problem.measured[0] - baseline, training_rows
     )
-    rows = diagnosis.held_out_errors.held_out & np.isfinite(problem.measured[0])
+    rows = diagnosis.held_out_errors.held_out_rows & np.isfinite(problem.measured[0])
     if rows.any():
         floor = float(np.sqrt(np.mean(noise[0][rows] ** 2)))
         for word, force in (("selected_after", selection.force), ("curve_after", curve)):

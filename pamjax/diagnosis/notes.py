@@ -30,13 +30,13 @@ def format_notes(problem: LibraryProblem, baseline: CandidateFit, fit: Candidate
         fit: the refitted baseline with the identified mechanisms; the baseline itself without any.
     """
     return [
-        *format_strained_parameters(problem, fit),
+        *format_parameters_at_limit(problem, fit),
         *format_untestable_mechanisms(problem),
         *format_unidentified_combinations(problem, baseline),
     ]
 
 
-def format_strained_parameters(problem: LibraryProblem, fit: CandidateFit) -> list[str]:
+def format_parameters_at_limit(problem: LibraryProblem, fit: CandidateFit) -> list[str]:
     """Return a note on the baseline's parameters that are at their limits, if there are any.
 
     Args:

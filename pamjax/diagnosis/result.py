@@ -172,7 +172,7 @@ class Diagnosis(DrawableResult, NotebookText):
                 "where": [_serialise_box(b) for b in self.residual_boxes] if self.unexplained else [],
             },
             "improvement": {
-                "held_out": {"blocks": self.held_out_errors.blocks}
+                "held_out": {"blocks": self.held_out_errors.block_description}
                 | _serialise_held_out_errors(self.held_out_errors)
             },
             "parameters_moved": {n: _serialise_shift(m) for n, m in self.parameter_shifts.items()},
@@ -188,7 +188,7 @@ class Diagnosis(DrawableResult, NotebookText):
         columns: dict[str, Any] = {
             "row": recording.row,
             "block": [self.blocks.names[k] if k >= 0 else "" for k in self.blocks.label],
-            "held_out": errors.held_out.astype(int),
+            "held_out": errors.held_out_rows.astype(int),
         }
         for c, channel in enumerate(self.problem.channels):
             for suffix, prediction in (
@@ -373,7 +373,9 @@ def _format_lines(diagnosis: Diagnosis) -> list[str]:
         change = f"{baseline_rmse:.3g} -> {model_rmse:.3g} {DISPLAY_UNIT[channel]}"
         if not diagnosis.named_mechanisms:
             change = f"{baseline_rmse:.3g} {DISPLAY_UNIT[channel]} by the baseline"
-        lines.append(f"  held-out rmse ({errors.blocks.split(':')[0]}): {channel} {change}, {noise}")
+        lines.append(
+            f"  held-out rmse ({errors.block_description.split(':')[0]}): {channel} {change}, {noise}"
+        )
     if diagnosis.named_mechanisms and not errors.baseline_rmse:
         lines.append(
             "  no block was held out (too few blocks): no independent rows confirm these mechanisms."

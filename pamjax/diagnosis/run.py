@@ -84,19 +84,19 @@ class _Training:
 
 @dataclass(frozen=True, eq=False)
 class _TestedSelection:
-    """Mechanisms that were chosen on the training rows, and the test of what they leave.
+    """Mechanisms that were selected on the training rows, and the test of their residual.
 
     Attributes:
         selection: the mechanisms.
         residual_test: test of the residual with the mechanisms.
-        unexplained: whether physics is left that no mechanism explains.
-        replacements: notes on mechanisms that a template replaces.
+        unexplained: whether no mechanism explains a part of the misfit.
+        replacement_notes: notes on mechanisms that a template replaces.
     """
 
     selection: Selection
     residual_test: Significance
     unexplained: bool
-    replacements: Sequence[str] = ()
+    replacement_notes: Sequence[str] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,9 +149,9 @@ def diagnose(
     progress("compiling", 0.0)
     problem = build_library_problem(case, settings)
     problem.start_compilation()
-    blocks_of_case = find_blocks(case.recording)
-    held_out_rows = select_held_out_rows(blocks_of_case, problem.settings)
-    training = _test_baseline(problem, blocks_of_case, ~held_out_rows, seed)
+    blocks = find_blocks(case.recording)
+    held_out_rows = select_held_out_rows(blocks, problem.settings)
+    training = _test_baseline(problem, blocks, ~held_out_rows, seed)
     selection = (
         select_mechanisms(problem, training.rows, training.baseline, progress)
         if training.is_detected
@@ -159,10 +159,10 @@ def diagnose(
     )
     progress("testing", 0.85)
     templates = _build_templates(training, case.recording.length)
-    tested = _replace_by_templates(training, selection, templates)
-    confirmed = _confirm_on_blocks(training, tested)
-    final = _fit_all_rows(problem, confirmed.selection)
-    selection, baseline, model = final.selection, final.baseline, final.model
+    tested_selection = _test_against_templates(training, selection, templates)
+    confirmed_selection = _cross_validate_on_blocks(training, tested_selection)
+    final_fit = _fit_all_rows(problem, confirmed_selection.selection)
+    selection, baseline, model = final_fit.selection, final_fit.baseline, final_fit.model
     training_fit = _fit_selection(problem, selection, training.rows)
     noise_ratios = compute_noise_ratios(problem, model.estimate.values)
     progress("proposing experiments", 0.9)
@@ -179,37 +179,41 @@ def diagnose(
             if selection.named_mechanisms
             else locate_residual(problem, baseline)
         ),
-        residual_test=confirmed.residual_test,
-        unexplained=confirmed.unexplained,
-        likenesses=(list_likenesses(problem, templates, selection.model) if confirmed.unexplained else ()),
-        residual_boxes=locate_residual(problem, model) if confirmed.unexplained else [],
+        residual_test=confirmed_selection.residual_test,
+        unexplained=confirmed_selection.unexplained,
+        likenesses=(
+            list_likenesses(problem, templates, selection.model) if confirmed_selection.unexplained else ()
+        ),
+        residual_boxes=locate_residual(problem, model) if confirmed_selection.unexplained else [],
         residual_share=_compute_residual_share(problem, baseline, model),
         noise_ratios=noise_ratios,
-        blocks=blocks_of_case,
+        blocks=blocks,
         held_out_errors=compute_held_out_errors(
-            problem, blocks_of_case, held_out_rows, selection.baseline, training_fit
+            problem, blocks, held_out_rows, selection.baseline, training_fit
         ),
-        parameters=_collect_estimates(problem, model),
-        parameter_shifts=_compute_shifts(problem, baseline, model) if selection.named_mechanisms else {},
+        parameters=_collect_mechanism_estimates(problem, model),
+        parameter_shifts=_compute_parameter_shifts(problem, baseline, model)
+        if selection.named_mechanisms
+        else {},
         notes=[
-            *_list_changes(tested, confirmed, problem.settings),
+            *_list_selection_notes(tested_selection, confirmed_selection, problem.settings),
             *format_noise_notes(noise_ratios, problem.settings.min_reported_noise_ratio),
             *problem.case.warnings,
             *format_notes(problem, baseline, model),
         ],
         experiments=experiments,
-        form_errors=final.form_errors,
+        form_errors=final_fit.form_errors,
         form_prediction=predict_with_form_errors(problem, add_form_errors(problem, training_fit)),
     )
 
 
 def _test_baseline(
-    problem: LibraryProblem, blocks_of_case: Blocks, training_rows: np.ndarray, seed: int
+    problem: LibraryProblem, blocks: Blocks, training_rows: np.ndarray, seed: int
 ) -> _Training:
     """Return the fit of the baseline to the training rows, and the test of its residual."""
     baseline = fit_candidate(problem, training_rows, (), problem.neutral)
     mismatch = run_baseline_test(problem, baseline, seed)
-    return _Training(problem, training_rows, blocks_of_case, baseline, mismatch, seed)
+    return _Training(problem, training_rows, blocks, baseline, mismatch, seed)
 
 
 def _build_templates(training: _Training, length: np.ndarray) -> list[Template]:
@@ -221,45 +225,45 @@ def _build_templates(training: _Training, length: np.ndarray) -> list[Template]:
     return build_templates(build_template_context(problem, length, training.blocks, training.baseline))
 
 
-def _replace_by_templates(
+def _test_against_templates(
     training: _Training, selection: Selection, templates: Sequence[Template]
 ) -> _TestedSelection:
     """Return the mechanisms that no template replaces; without small effects if a part is unexplained."""
-    new, notes = replace_by_template(training.problem, training.rows, selection, templates)
-    tested = _test_selection(training, new, notes)
-    if not tested.unexplained or new.fit_before_small_effects is None:
-        return tested
+    remaining, notes = replace_by_template(training.problem, training.rows, selection, templates)
+    tested_selection = _test_selection(training, remaining, notes)
+    if not tested_selection.unexplained or remaining.fit_without_small_effects is None:
+        return tested_selection
     # Small effects are reported only if nothing is unexplained: otherwise they can absorb that part.
-    return _replace_by_templates(training, drop_small_effects(training.problem, new), templates)
+    return _test_against_templates(training, drop_small_effects(training.problem, remaining), templates)
 
 
-def _confirm_on_blocks(training: _Training, tested: _TestedSelection) -> _TestedSelection:
+def _cross_validate_on_blocks(training: _Training, tested_selection: _TestedSelection) -> _TestedSelection:
     """Return the mechanisms that also predict left-out blocks; less certain if a part is unexplained.
 
     Mechanisms can absorb physics outside the library, so that the residual is no longer significant.
     """
     problem = training.problem
-    if not tested.selection.named_mechanisms:
-        return tested
+    if not tested_selection.selection.named_mechanisms:
+        return tested_selection
     selection, is_predictive = cross_validate_selection(
-        problem, training.blocks, training.rows, tested.selection
+        problem, training.blocks, training.rows, tested_selection.selection
     )
-    confirmed = (
-        replace(tested, selection=selection)
-        if selection.model is tested.selection.model
-        else _test_selection(training, selection, tested.replacements)
+    confirmed_selection = (
+        replace(tested_selection, selection=selection)
+        if selection.model is tested_selection.selection.model
+        else _test_selection(training, selection, tested_selection.replacement_notes)
     )
-    unexplained = confirmed.unexplained or not is_predictive
+    unexplained = confirmed_selection.unexplained or not is_predictive
     if unexplained:
         mechanisms = selection.named_mechanisms
         ids = {mechanism.id for mechanism in mechanisms}
         mechanisms = shrink_to_even_odds(mechanisms, problem.settings, ids)
         selection = replace(selection, named_mechanisms=mechanisms)
-    return replace(confirmed, selection=selection, unexplained=unexplained)
+    return replace(confirmed_selection, selection=selection, unexplained=unexplained)
 
 
 def _test_selection(
-    training: _Training, selection: Selection, replacements: Sequence[str]
+    training: _Training, selection: Selection, replacement_notes: Sequence[str]
 ) -> _TestedSelection:
     """Return the selection with the test of its residual beyond form errors."""
     problem, mismatch = training.problem, training.mismatch
@@ -269,8 +273,8 @@ def _test_selection(
         else mismatch
     )
     is_significant = is_residual_significant(mismatch, residual_test, problem.settings)
-    unexplained = training.is_detected and (bool(replacements) or is_significant)
-    return _TestedSelection(selection, residual_test, unexplained, replacements)
+    unexplained = training.is_detected and (bool(replacement_notes) or is_significant)
+    return _TestedSelection(selection, residual_test, unexplained, replacement_notes)
 
 
 def _fit_all_rows(problem: LibraryProblem, selection: Selection) -> _FinalFit:
@@ -283,17 +287,17 @@ def _fit_all_rows(problem: LibraryProblem, selection: Selection) -> _FinalFit:
     model = fit_noise_correlation(problem, _fit_selection(problem, selection, all_rows))
     model = average_models(problem, model, selection.named_mechanisms)
     form_errors = describe_form_errors(problem, add_form_errors(problem, model))
-    return _FinalFit(_state_form_errors(selection, form_errors), baseline, model, form_errors)
+    return _FinalFit(_add_form_error_ratios(selection, form_errors), baseline, model, form_errors)
 
 
-def _list_changes(
-    tested: _TestedSelection, confirmed: _TestedSelection, settings: DiagnosisSettings
+def _list_selection_notes(
+    tested_selection: _TestedSelection, confirmed_selection: _TestedSelection, settings: DiagnosisSettings
 ) -> list[str]:
     """Return the notes on mechanisms that were replaced, dropped or masked."""
     return [
-        *confirmed.replacements,
-        *format_dropped_mechanisms(tested.selection, confirmed.selection),
-        *format_masked_mechanisms(confirmed.selection, settings),
+        *confirmed_selection.replacement_notes,
+        *format_dropped_mechanisms(tested_selection.selection, confirmed_selection.selection),
+        *format_masked_mechanisms(confirmed_selection.selection, settings),
     ]
 
 
@@ -307,7 +311,7 @@ def _fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarr
     )
 
 
-def _state_form_errors(selection: Selection, parts: dict[str, FormErrorPart]) -> Selection:
+def _add_form_error_ratios(selection: Selection, parts: dict[str, FormErrorPart]) -> Selection:
     """Return the selection with the size of the form error of each mechanism."""
     mechanisms = tuple(
         replace(mechanism, form_error=parts[mechanism.id].ratio if mechanism.id in parts else None)
@@ -326,7 +330,9 @@ def _compute_residual_share(problem: LibraryProblem, baseline: CandidateFit, mod
     return float(np.clip(model_excess / baseline_excess, 0.0, 1.0)) if baseline_excess > 0 else 0.0
 
 
-def _collect_estimates(problem: LibraryProblem, fit: CandidateFit) -> dict[str, dict[str, ParameterEstimate]]:
+def _collect_mechanism_estimates(
+    problem: LibraryProblem, fit: CandidateFit
+) -> dict[str, dict[str, ParameterEstimate]]:
     return {
         candidate.id: {
             name.rpartition(".")[2]: build_parameter_estimate(problem, fit, problem.index(name))
@@ -336,7 +342,7 @@ def _collect_estimates(problem: LibraryProblem, fit: CandidateFit) -> dict[str, 
     }
 
 
-def _compute_shifts(
+def _compute_parameter_shifts(
     problem: LibraryProblem, baseline: CandidateFit, fit: CandidateFit
 ) -> dict[str, ParameterShift]:
     shifts = {}

@@ -7,7 +7,7 @@ import pytest
 
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.notes import (
-    format_strained_parameters,
+    format_parameters_at_limit,
     format_unidentified_combinations,
     format_untestable_mechanisms,
 )
@@ -53,7 +53,7 @@ def test_parameter_at_its_limit_is_reported():
     def list_strained(*values):
         all_values = problem.neutral.copy()
         all_values[free] = values
-        return format_strained_parameters(problem, build_fit(all_values, free))
+        return format_parameters_at_limit(problem, build_fit(all_values, free))
 
     (length_low, turns_low), (_, turns_high) = problem.low[free], problem.high[free]
     (single,) = list_strained(0.2512, turns_high - 1e-9)

@@ -177,7 +177,7 @@ def is_worthwhile(settings):
     """A mechanism that explains a half of a misfit of one standard deviation."""
     baseline = build_fit(n=1000, chi2=2000.0)
     extended = build_fit(n=1000, chi2=1500.0, mechanisms=(Candidate("force_gain", ("force_gain.gain",)),))
-    return build_search(settings, baseline).is_worthwhile(baseline, extended, small=False)
+    return build_search(settings, baseline).is_worthwhile(baseline, extended, may_be_small=False)
 
 
 def is_pair_worthwhile(settings):

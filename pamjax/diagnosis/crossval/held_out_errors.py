@@ -17,15 +17,15 @@ class HeldOutErrors:
     """Errors on held-out blocks, without and with the mechanisms.
 
     Attributes:
-        blocks: description of the held-out blocks.
-        held_out: (n,) mask of the held-out rows.
+        block_description: the held-out blocks, in words.
+        held_out_rows: (n,) mask of the held-out rows.
         baseline_prediction, model_prediction: (2, n) force (N) and diameter (m) without and with the
             mechanisms, by fits without the held-out rows.
         baseline_rmse, model_rmse: by channel, SI, over held-out rows; without channels that have none.
     """
 
-    blocks: str
-    held_out: np.ndarray
+    block_description: str
+    held_out_rows: np.ndarray
     baseline_prediction: np.ndarray
     model_prediction: np.ndarray
     baseline_rmse: dict[str, float]

@@ -170,7 +170,7 @@ def _group_candidates(
 
     The shape parameters of a mechanism that is switched off do not influence the candidates of others.
     """
-    single_groups, groups, active_ids = [], [], problem.active(estimate.values)
+    single_groups, groups, active_ids = [], [], problem.find_active_mechanisms(estimate.values)
     for k, candidate in enumerate(candidates):
         has_shape = bool(_get_reference_shape(candidate))
         if candidate.id == COSTLIEST_MECHANISM or (has_shape and candidate.id in active_ids):

@@ -27,7 +27,7 @@ from pamjax.diagnosis.refit.least_squares import (
     fit_parameters,
     transform_to_coordinates,
 )
-from pamjax.diagnosis.refit.remember import remember
+from pamjax.diagnosis.refit.memoise import memoise_per_fit
 from pamjax.infer.form_errors.discrepancy import add_discrepancy
 from pamjax.infer.form_errors.shares import FormCost, choose_shares
 
@@ -47,7 +47,7 @@ class FormErrorFit(CandidateFit):
     shares: dict[str, float] = field(default_factory=dict)
 
 
-@remember(lambda: None)
+@memoise_per_fit(lambda: None)
 def add_form_errors(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
     """Return the fit, refitted with the form errors of its mechanisms as noise.
 

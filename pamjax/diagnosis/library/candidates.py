@@ -161,7 +161,7 @@ def _build_braid_friction(scales: RecordingScales) -> list[Candidate]:
             )
             for angle in (0.1, 0.9)
         ]
-    if scales.isometric:
+    if scales.is_isometric:
         # At a fixed length, pressure changes move the braid by a few per mille of its length.
         out += [
             Candidate(
@@ -181,7 +181,9 @@ def _build_braid_friction(scales: RecordingScales) -> list[Candidate]:
 
 def _build_viscoelastic_creep(scales: RecordingScales) -> list[Candidate]:
     name = "viscoelastic_creep."
-    pairs = [(t, 20 * t) for t in (3 * scales.step, 12 * scales.step, 50 * scales.step) if t < 50]
+    pairs = [
+        (t, 20 * t) for t in (3 * scales.time_step, 12 * scales.time_step, 50 * scales.time_step) if t < 50
+    ]
     return [
         Candidate(
             "viscoelastic_creep",
@@ -202,8 +204,8 @@ def _build_viscoelastic_creep(scales: RecordingScales) -> list[Candidate]:
             (f"{name}{amplitude}",),
             {
                 f"{name}spectrum": 0.8,
-                f"{name}time_short": float(np.clip(3 * scales.step, 0.1, 50.0)),
-                f"{name}time_long": float(np.clip(3e3 * scales.step, 12.0, 9e3)),
+                f"{name}time_short": float(np.clip(3 * scales.time_step, 0.1, 50.0)),
+                f"{name}time_long": float(np.clip(3e3 * scales.time_step, 12.0, 9e3)),
             },
         )
         for amplitude in ("modulus", "force")

@@ -129,7 +129,7 @@ class LibraryProblem:
         """Return the predicted force (N) and diameter (m), (2, n), at parameter values (p,), SI."""
         return self.predict_with_jacobian(values, ())[0]
 
-    def active(self, values: np.ndarray) -> set[str]:
+    def find_active_mechanisms(self, values: np.ndarray) -> set[str]:
         """Return the ids of the mechanisms that are switched on at these values."""
         return {
             _get_mechanism_id(self.names[k])
@@ -145,7 +145,7 @@ class LibraryProblem:
 
     def predict_with_jacobian(self, values: np.ndarray, indices) -> tuple[np.ndarray, np.ndarray]:
         """Return the prediction, (2, n), and its derivatives by some parameters, (k, 2, n), SI."""
-        indices, active_ids = np.array(list(indices), dtype=int), self.active(values)
+        indices, active_ids = np.array(list(indices), dtype=int), self.find_active_mechanisms(values)
         mechanism_ids = [_get_mechanism_id(self.names[k]) for k in indices]
         dataset = (
             self.dataset

@@ -18,7 +18,7 @@ class RecordingScales:
     """Scales of a recording: its times, stroke, load, pressure and speeds.
 
     Attributes:
-        start_time, duration, step: first time, duration and median time step, s.
+        start_time, duration, time_step: first time, duration and median time step, s.
         stroke: range of length, m.
         load: largest P L B / (2 π n²), with pressure P, length L, thread length B and n turns, N.
         pressure: range of pressure, Pa.
@@ -30,7 +30,7 @@ class RecordingScales:
         thread_width: total width of all threads side by side, m.
         rest_angle_cosine: cosine of the braid angle at rest length.
         rest_length: rest length, m.
-        isometric: whether fewer than 20 % of the steps change the length.
+        is_isometric: whether fewer than 20 % of the steps change the length.
         speed_ratio: ratio of fast to slow strokes.
         speed: geometric mean of the speeds of fast and slow strokes, m/s.
         settings: thresholds of the diagnosis.
@@ -38,7 +38,7 @@ class RecordingScales:
 
     start_time: float
     duration: float
-    step: float
+    time_step: float
     stroke: float
     load: float
     pressure: float
@@ -50,7 +50,7 @@ class RecordingScales:
     thread_width: float
     rest_angle_cosine: float
     rest_length: float
-    isometric: bool
+    is_isometric: bool
     speed_ratio: float
     speed: float
     settings: DiagnosisSettings
@@ -68,7 +68,7 @@ class RecordingScales:
         return cls(
             start_time=float(time[0]),
             duration=max(float(np.ptp(time)), 1.0),
-            step=max(float(np.median(np.diff(time))) if time.size > 1 else 1.0, 1e-3),
+            time_step=max(float(np.median(np.diff(time))) if time.size > 1 else 1.0, 1e-3),
             stroke=max(float(np.ptp(length)), 1e-4),
             load=max(load, 1.0),
             pressure=max(float(np.ptp(pressure)), 1e3),
@@ -82,7 +82,7 @@ class RecordingScales:
             rest_angle_cosine=float(
                 np.sqrt(max(1 - (problem.case.muscle_toml.rest_length.value / thread) ** 2, 1e-3))
             ),
-            isometric=bool(np.mean(jumps > 1e-3 * np.ptp(length)) < 0.2) if length.size > 1 else True,
+            is_isometric=bool(np.mean(jumps > 1e-3 * np.ptp(length)) < 0.2) if length.size > 1 else True,
             speed_ratio=speed_ratio,
             speed=speed,
             settings=problem.settings,

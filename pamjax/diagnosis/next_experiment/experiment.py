@@ -75,7 +75,7 @@ def propose_experiments(
         (name.id, rival)
         for name in named_mechanisms
         for rival in sorted(
-            name.indistinguishable, key=lambda id, name=name: name.rival_chi2_increase.get(id, np.inf)
+            name.indistinguishable, key=lambda id, name=name: name.rival_bic_increase.get(id, np.inf)
         )[: problem.settings.max_rivals_per_mechanism]
     ]
     pairs = list({frozenset(pair): pair for pair in reversed(pairs)}.values())[::-1][

@@ -146,7 +146,10 @@ def _mixes_samples(parameter: str) -> bool:
 
 def _has_memory(problem: LibraryProblem, values: np.ndarray) -> bool:
     """Return whether a mechanism that depends on the inputs of other samples is switched on."""
-    return bool(_MECHANISMS_MIXING_SAMPLES & problem.active(values)) and problem.case.recording.has_time
+    return (
+        bool(_MECHANISMS_MIXING_SAMPLES & problem.find_active_mechanisms(values))
+        and problem.case.recording.has_time
+    )
 
 
 def _perturb_problem(problem: LibraryProblem, pressure: np.ndarray, length: np.ndarray) -> LibraryProblem:

@@ -14,7 +14,7 @@ from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 FitFunction = TypeVar("FitFunction", bound=Callable[..., Any])
 
 
-def remember(key: Callable[..., Hashable]) -> Callable[[FitFunction], FitFunction]:
+def memoise_per_fit(key: Callable[..., Hashable]) -> Callable[[FitFunction], FitFunction]:
     """Return a decorator that keeps the results of a function of a problem and a fit while the fit exists.
 
     The problem is not part of the key: a fit belongs to the one problem from which it was computed.
@@ -27,7 +27,7 @@ def remember(key: Callable[..., Hashable]) -> Callable[[FitFunction], FitFunctio
         results: WeakKeyDictionary[CandidateFit, dict[Hashable, Callable[[], Any]]] = WeakKeyDictionary()
 
         @functools.wraps(function)
-        def recall(problem: LibraryProblem, fit: CandidateFit, *args):
+        def call_once(problem: LibraryProblem, fit: CandidateFit, *args):
             results_of_fit, name = results.setdefault(fit, {}), key(*args)
             if name not in results_of_fit:
                 result = function(problem, fit, *args)
@@ -35,6 +35,6 @@ def remember(key: Callable[..., Hashable]) -> Callable[[FitFunction], FitFunctio
                 results_of_fit[name] = weakref.ref(fit) if result is fit else lambda: result
             return results_of_fit[name]()
 
-        return cast(FitFunction, recall)
+        return cast(FitFunction, call_once)
 
     return decorate

@@ -23,7 +23,7 @@ from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.select.neighbour_fits import is_reduction_significant
 from pamjax.diagnosis.select.pair_swap import is_excess_noise, leaves_only_noise
-from pamjax.diagnosis.select.redundant import compute_cost
+from pamjax.diagnosis.select.redundant_mechanisms import compute_cost
 from pamjax.diagnosis.select.search import MechanismSearch, fit_best_candidate
 from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
 
@@ -62,7 +62,7 @@ def _remove_form_error(search: MechanismSearch, fit: FormErrorFit, id: str) -> C
 def _extend(search: MechanismSearch, fit: CandidateFit, reduced_fit: CandidateFit) -> CandidateFit | None:
     """Return the fit with the best candidate in the place of a form error; None if it is not better."""
     extended_fit = fit_best_candidate(search, reduced_fit)
-    if extended_fit is None or not search.is_worthwhile(reduced_fit, extended_fit, small=True):
+    if extended_fit is None or not search.is_worthwhile(reduced_fit, extended_fit, may_be_small=True):
         return None
     new_fit = search.refit(extended_fit)
     is_more_likely = is_reduction_significant(

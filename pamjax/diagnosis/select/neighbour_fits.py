@@ -20,7 +20,7 @@ from pamjax.diagnosis.refit.candidate_fit import (
     switch_on_candidate,
 )
 from pamjax.diagnosis.refit.least_squares import fit_parameters
-from pamjax.diagnosis.refit.remember import remember
+from pamjax.diagnosis.refit.memoise import memoise_per_fit
 from pamjax.model.registry import EXCLUSIVE_PAIRS
 
 
@@ -121,13 +121,13 @@ def compute_rough_limit(reduced_fit: CandidateFit, fit: CandidateFit) -> float:
     return (reduced_fit.bic + fit.bic) / 2
 
 
-@remember(lambda candidate, candidates: candidate.id)
+@memoise_per_fit(lambda candidate, candidates: candidate.id)
 def fit_replacements(
     problem: LibraryProblem, reduced_fit: CandidateFit, candidate: Candidate, candidates: Sequence[Candidate]
 ) -> list[CandidateFit]:
     """Return models with an alternative in the place of a candidate, roughly refitted.
 
-    Results are remembered without `candidates`: a fit belongs to one problem, which has one list of them.
+    Results are memoised without `candidates`: a fit belongs to one problem, which has one list of them.
 
     Args:
         problem: the recording and the library.
@@ -144,7 +144,7 @@ def fit_replacements(
     )
 
 
-@remember(lambda k: k)
+@memoise_per_fit(lambda k: k)
 def fit_without_mechanism(problem: LibraryProblem, fit: CandidateFit, k: int) -> CandidateFit:
     """Return the model without its k-th mechanism, refitted with the same noise."""
     return _fit_without(problem, fit, [k])

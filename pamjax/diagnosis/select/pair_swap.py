@@ -110,7 +110,7 @@ def _finish_search(search: MechanismSearch, rough_fit: CandidateFit) -> Candidat
     result = run_search(search, start_fit)
     if not leaves_only_noise(search, start_fit):
         return result
-    complete = prune_mechanisms(search, start_fit, small=True)
+    complete = prune_mechanisms(search, start_fit, may_be_small=True)
     is_better = leaves_only_noise(search, complete) and _compute_bic(search, complete) < _compute_bic(
         search, result
     )

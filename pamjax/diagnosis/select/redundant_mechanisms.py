@@ -26,11 +26,14 @@ def remove_redundant(search: MechanismSearch, fit: CandidateFit) -> CandidateFit
         reduced_fits = parallel_map(
             partial(fit_without_mechanism, search.problem, fit), range(len(fit.mechanisms))
         )
-        losses = np.array(parallel_map(partial(compute_cost, search), reduced_fits)) - cost
+        cost_increases = np.array(parallel_map(partial(compute_cost, search), reduced_fits)) - cost
         counts = [len(candidate.free_parameters) for candidate in fit.mechanisms]
-        k = int(np.argmax(chi2.logsf(np.maximum(losses, 0.0), counts)))
+        k = int(np.argmax(chi2.logsf(np.maximum(cost_increases, 0.0), counts)))
         if is_reduction_significant(
-            float(losses[k]), counts[k], len(search.candidates), search.settings.false_inclusion_probability
+            float(cost_increases[k]),
+            counts[k],
+            len(search.candidates),
+            search.settings.false_inclusion_probability,
         ):
             break
         fit = search.refit(reduced_fits[k])

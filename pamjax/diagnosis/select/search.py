@@ -80,15 +80,15 @@ class MechanismSearch:
         self,
         reduced_fit: CandidateFit,
         extended_fit: CandidateFit,
-        small: bool,
+        may_be_small: bool,
         candidate: Candidate | None = None,
     ) -> bool:
-        """Return whether a candidate is significant, substantial and, unless `small`, sizeable.
+        """Return whether a candidate is significant, substantial and, unless `may_be_small`, sizeable.
 
         Args:
             reduced_fit: the model without it.
             extended_fit: the model with it.
-            small: whether it may be small relative to the misfit of the baseline.
+            may_be_small: whether it may be small relative to the misfit of the baseline.
             candidate: the candidate; the last of `extended_fit` if omitted.
         """
         chi2_reduction, samples = (
@@ -98,11 +98,12 @@ class MechanismSearch:
         explained_mean_square, baseline_excess = chi2_reduction / samples, self.baseline.excess_chi2 / samples
         is_sizeable = (
             explained_mean_square
-            > (self.settings.min_small_rms_share if small else self.settings.min_rms_share) ** 2
+            > (self.settings.min_small_rms_share if may_be_small else self.settings.min_rms_share) ** 2
             * baseline_excess
         )
         is_sizeable = is_sizeable or (
-            not small and chi2_reduction > self.settings.complete_excess_share * reduced_fit.excess_chi2
+            not may_be_small
+            and chi2_reduction > self.settings.complete_excess_share * reduced_fit.excess_chi2
         )
         is_substantial = (
             chi2_reduction > self.settings.min_excess_share * reduced_fit.excess_chi2
@@ -173,12 +174,15 @@ def run_search(
     if not fit.mechanisms or fit.excess_chi2 < search.settings.min_effect_rms**2 * fit.noise.size:
         return fit
     if fit is largest_fit and not (
-        refused_fit and search.is_worthwhile(add_form_errors(search.problem, fit), refused_fit, small=True)
+        refused_fit
+        and search.is_worthwhile(add_form_errors(search.problem, fit), refused_fit, may_be_small=True)
     ):
         return fit
     # Small effects stay if the residual is then only noise.
     best = refused_fit if fit is largest_fit else None
-    complete = prune_mechanisms(search, _add_candidates(search, fit, small=True, best=best)[0], small=True)
+    complete = prune_mechanisms(
+        search, _add_candidates(search, fit, may_be_small=True, best=best)[0], may_be_small=True
+    )
     return complete if search.is_complete(complete, fit) else fit
 
 
@@ -186,7 +190,7 @@ def _add_candidates(
     search: MechanismSearch,
     fit: CandidateFit,
     directions: Sequence[ScoreDirection] | None = None,
-    small: bool = False,
+    may_be_small: bool = False,
     best: CandidateFit | None = None,
 ) -> tuple[CandidateFit, CandidateFit | None]:
     """Return the model with further mechanisms, and the best extension that is not worthwhile.
@@ -198,7 +202,7 @@ def _add_candidates(
         search.progress("selecting mechanisms", 0.1 + 0.1 * len(fit.mechanisms))
         tolerant_fit = add_form_errors(search.problem, fit)
         best = best or fit_best_candidate(search, tolerant_fit, directions)
-        if best is None or not search.is_worthwhile(tolerant_fit, best, small):
+        if best is None or not search.is_worthwhile(tolerant_fit, best, may_be_small):
             return fit, best
         fit, directions, best = _swap_mechanisms(search, search.refit(best)), None, None
     return fit, None
@@ -251,15 +255,15 @@ def _swap_mechanisms(search: MechanismSearch, fit: CandidateFit) -> CandidateFit
     return fit
 
 
-def prune_mechanisms(search: MechanismSearch, fit: CandidateFit, small: bool = False) -> CandidateFit:
+def prune_mechanisms(search: MechanismSearch, fit: CandidateFit, may_be_small: bool = False) -> CandidateFit:
     """Return the model without mechanisms that are no longer worthwhile."""
     while len(fit.mechanisms) > 1:
         reduced_fits = parallel_map(
             partial(fit_without_mechanism, search.problem, fit), range(len(fit.mechanisms))
         )
-        losses = [reduced_fit.corrected_chi2 - fit.corrected_chi2 for reduced_fit in reduced_fits]
-        k = int(np.argmin(losses))
-        if search.is_worthwhile(reduced_fits[k], fit, small, fit.mechanisms[k]):
+        chi2_increases = [reduced_fit.corrected_chi2 - fit.corrected_chi2 for reduced_fit in reduced_fits]
+        k = int(np.argmin(chi2_increases))
+        if search.is_worthwhile(reduced_fits[k], fit, may_be_small, fit.mechanisms[k]):
             break
         fit = search.refit(reduced_fits[k])
     return fit

@@ -24,7 +24,7 @@ from pamjax.diagnosis.select.neighbour_fits import (
     refit_fully,
 )
 from pamjax.diagnosis.select.pair_swap import leaves_only_noise, swap_pairs
-from pamjax.diagnosis.select.redundant import remove_redundant
+from pamjax.diagnosis.select.redundant_mechanisms import remove_redundant
 from pamjax.diagnosis.select.search import MechanismSearch, search_mechanisms
 from pamjax.diagnosis.select.small_effects import add_small_effects
 from pamjax.diagnosis.settings import DiagnosisSettings
@@ -40,7 +40,7 @@ class NamedMechanism:
         probability: probability that it, or one indistinguishable from it, is present.
         indistinguishable: ids of the mechanisms that explain this recording as well.
         chi2_increase: increase of χ² without it, after a refit.
-        rival_chi2_increase: increase of the BIC with an alternative in its place, by id.
+        rival_bic_increase: increase of the BIC with an alternative in its place, by id.
         form_error: rms of its form error over the rms of its effect; None if its equation has none.
         alternatives: probability, candidate and refitted values, (p,), SI, of each indistinguishable one.
     """
@@ -49,7 +49,7 @@ class NamedMechanism:
     probability: float
     indistinguishable: tuple[str, ...]
     chi2_increase: float
-    rival_chi2_increase: dict[str, float] = field(default_factory=dict)
+    rival_bic_increase: dict[str, float] = field(default_factory=dict)
     form_error: float | None = None
     alternatives: tuple[tuple[float, Candidate, np.ndarray], ...] = ()
 
@@ -63,7 +63,7 @@ class Selection:
         model: refit of the baseline with all selected mechanisms.
         named_mechanisms: these mechanisms, most probable first.
         weighted_values: (p,) values of the fit with misfit weights, SI; None without such a fit.
-        fit_before_small_effects: the fit without small effects; None if there are none.
+        fit_without_small_effects: the fit without small effects; None if `model` has none.
         masked_ids: ids of the mechanisms whose effect a form error of another one can explain.
     """
 
@@ -71,7 +71,7 @@ class Selection:
     model: CandidateFit
     named_mechanisms: tuple[NamedMechanism, ...]
     weighted_values: np.ndarray | None = None
-    fit_before_small_effects: CandidateFit | None = None
+    fit_without_small_effects: CandidateFit | None = None
     masked_ids: frozenset[str] = frozenset()
 
     @property
@@ -100,18 +100,18 @@ def select_mechanisms(
     unmasked_fit = remove_redundant(
         search, swap_pairs(search, search_mechanisms(search, baseline_directions))
     )
-    fit_before_small_effects = add_masked_effects(search, unmasked_fit)
-    masked_ids = frozenset(fit_before_small_effects.ids) - frozenset(unmasked_fit.ids)
+    fit_without_small_effects = add_masked_effects(search, unmasked_fit)
+    masked_ids = frozenset(fit_without_small_effects.ids) - frozenset(unmasked_fit.ids)
     fit = (
-        fit_before_small_effects
-        if leaves_only_noise(search, fit_before_small_effects)
-        else add_small_effects(problem, fit_before_small_effects, candidates, progress)
+        fit_without_small_effects
+        if leaves_only_noise(search, fit_without_small_effects)
+        else add_small_effects(problem, fit_without_small_effects, candidates, progress)
     )
     progress("comparing alternatives", 0.75)
     named_mechanisms = shrink_to_even_odds(
         _assess_mechanisms(problem, fit, candidates), problem.settings, masked_ids
     )
-    if fit is fit_before_small_effects:
+    if fit is fit_without_small_effects:
         return Selection(baseline, fit, named_mechanisms, masked_ids=masked_ids)
     # The residual is tested with the noise of the recording, without misfit weights.
     weighted_values = fit.estimate.values
@@ -120,14 +120,14 @@ def select_mechanisms(
         fit_candidate(problem, training_rows, fit.mechanisms, weighted_values),
         named_mechanisms,
         weighted_values,
-        fit_before_small_effects,
+        fit_without_small_effects,
         masked_ids,
     )
 
 
 def drop_small_effects(problem: LibraryProblem, selection: Selection) -> Selection:
     """Return the selection without small effects."""
-    fit = selection.fit_before_small_effects
+    fit = selection.fit_without_small_effects
     assert fit is not None
     names = shrink_to_even_odds(_assess_mechanisms(problem, fit), problem.settings, selection.masked_ids)
     return Selection(selection.baseline, fit, names, masked_ids=selection.masked_ids)
@@ -171,7 +171,7 @@ def restrict_selection(
         model=fit,
         named_mechanisms=_rank_mechanisms(named_mechanisms),
         weighted_values=None,
-        fit_before_small_effects=None,
+        fit_without_small_effects=None,
     )
 
 
@@ -219,11 +219,11 @@ def _assess_mechanism(problem, fit: CandidateFit, k: int, candidates) -> NamedMe
     bic_increase = {id: m.bic - fit.bic for id, m in fit_by_id.items()}
     # Excess misfit shows the error of the equations here: it widens the scale of the comparison.
     scale = 1 + fit.excess_chi2 / problem.settings.comparison_excess_chi2
-    weights = {id: np.exp(-0.5 * max(loss, 0.0) / scale) for id, loss in bic_increase.items()}
+    weights = {id: np.exp(-0.5 * max(increase, 0.0) / scale) for id, increase in bic_increase.items()}
     indistinguishable = [
         id
-        for id, loss in bic_increase.items()
-        if loss < problem.settings.tie_chi2 + problem.settings.tie_excess_share * fit.excess_chi2
+        for id, increase in bic_increase.items()
+        if increase < problem.settings.tie_chi2 + problem.settings.tie_excess_share * fit.excess_chi2
     ]
     tied_weight = sum(weights[id] for id in indistinguishable)
     alternatives = tuple(

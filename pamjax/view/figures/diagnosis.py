@@ -52,7 +52,7 @@ def plot_held_out_scores(diagnosis: Diagnosis, narrow: bool = False) -> Figure |
         return None
     block_names = [
         diagnosis.blocks.names[k]
-        for k in np.unique(diagnosis.blocks.label[diagnosis.held_out_errors.held_out])
+        for k in np.unique(diagnosis.blocks.label[diagnosis.held_out_errors.held_out_rows])
         if k >= 0
     ]
     with apply_theme():
@@ -87,7 +87,7 @@ def _plot_scores(panel: Panel, diagnosis: Diagnosis, channel: str, block_names: 
         ("model", diagnosis.held_out_errors.model_prediction),
     ):
         misfit = np.where(
-            diagnosis.held_out_errors.held_out,
+            diagnosis.held_out_errors.held_out_rows,
             diagnosis.problem.measured[channel_index] - prediction[channel_index],
             np.nan,
         )
@@ -122,23 +122,25 @@ def _plot_scores(panel: Panel, diagnosis: Diagnosis, channel: str, block_names: 
 
 def plot_candidates(diagnosis: Diagnosis, mechanism: NamedMechanism, narrow: bool = False) -> Figure:
     """Return the increase of χ² if another mechanism, or none, replaces an identified mechanism."""
-    rivals = sorted(mechanism.rival_chi2_increase.items(), key=lambda pair: pair[1])[:_MAX_RIVALS]
+    rivals = sorted(mechanism.rival_bic_increase.items(), key=lambda pair: pair[1])[:_MAX_RIVALS]
     labels = [*(id for id, _ in rivals), "no mechanism"]
-    losses = np.array([*(loss for _, loss in rivals), mechanism.chi2_increase])
+    increases = np.array([*(increase for _, increase in rivals), mechanism.chi2_increase])
     settings = diagnosis.settings
-    tie_loss = settings.tie_chi2 + settings.tie_excess_share * diagnosis.selection.model.excess_chi2
+    tie_increase = settings.tie_chi2 + settings.tie_excess_share * diagnosis.selection.model.excess_chi2
     with apply_theme():
         drawing = create_figure(SINGLE_COLUMN if narrow else 5.4, 1.1 + 0.2 * len(labels))
         panel = drawing.subplots()
-        left_edge = 0.5 * min(tie_loss, 1.0)
-        panel.axvspan(left_edge, tie_loss, color=REFERENCE_COLOUR, alpha=0.2, lw=0, gid="tie")
-        shown_losses = np.maximum(losses, left_edge)
+        left_edge = 0.5 * min(tie_increase, 1.0)
+        panel.axvspan(left_edge, tie_increase, color=REFERENCE_COLOUR, alpha=0.2, lw=0, gid="tie")
+        shown_increases = np.maximum(increases, left_edge)
         y = np.arange(len(labels))
-        panel.hlines(y, left_edge, shown_losses, color=REFERENCE_COLOUR, lw=0.8)
-        colours = [_NAMED_COLOUR if loss < tie_loss else _BASELINE_MARK_COLOUR for loss in losses]
-        panel.scatter(shown_losses, y, c=colours, s=22, zorder=3, gid="loss", clip_on=False)
+        panel.hlines(y, left_edge, shown_increases, color=REFERENCE_COLOUR, lw=0.8)
+        colours = [
+            _NAMED_COLOUR if increase < tie_increase else _BASELINE_MARK_COLOUR for increase in increases
+        ]
+        panel.scatter(shown_increases, y, c=colours, s=22, zorder=3, gid="increase", clip_on=False)
         panel.set(xscale="log", xlabel="increase of χ²")
-        panel.set_xlim(left_edge, 2 * max(shown_losses.max(), tie_loss))
+        panel.set_xlim(left_edge, 2 * max(shown_increases.max(), tie_increase))
         panel.set_yticks(y, labels)
         panel.set_ylim(len(labels) - 0.5, -0.5)
         panel.set_ylabel("replaced by")
@@ -156,10 +158,10 @@ def _format_rivalry(mechanism: NamedMechanism) -> str:
         verb = "fits" if len(mechanism.indistinguishable) == 1 else "fit"
         rivals = join_words(list(mechanism.indistinguishable))
         return f"{rivals} {verb} this recording as well as {mechanism.id}"
-    if not mechanism.rival_chi2_increase:
+    if not mechanism.rival_bic_increase:
         return f"No other mechanism is a rival of {mechanism.id}"
-    best_rival = min(mechanism.rival_chi2_increase, key=lambda id: mechanism.rival_chi2_increase[id])
-    change = mechanism.rival_chi2_increase[best_rival]
+    best_rival = min(mechanism.rival_bic_increase, key=lambda id: mechanism.rival_bic_increase[id])
+    change = mechanism.rival_bic_increase[best_rival]
     verb = "increases" if change > 0 else "decreases"
     return (
         f"The best rival of {mechanism.id} is {best_rival}; it {verb} χ² by"

@@ -87,16 +87,16 @@ def _plot_residual(panel: Panel, residual: np.ndarray, row_layout: Layout, noise
 def _plot_rivals(panel: Panel, diagnosis: Diagnosis) -> None:
     """Draw the increase of χ² if another mechanism, or none, replaces the first named mechanism."""
     mechanism = diagnosis.named_mechanisms[0]
-    rivals = sorted(mechanism.rival_chi2_increase.items(), key=lambda pair: pair[1])[:_MAX_STORY_RIVALS]
+    rivals = sorted(mechanism.rival_bic_increase.items(), key=lambda pair: pair[1])[:_MAX_STORY_RIVALS]
     names = [mechanism.id, *(id for id, _ in rivals), "no mechanism"]
-    losses = np.array([0.0, *(max(loss, 0.0) for _, loss in rivals), mechanism.chi2_increase])
+    increases = np.array([0.0, *(max(increase, 0.0) for _, increase in rivals), mechanism.chi2_increase])
     y, colours = np.arange(len(names)), [OKABE_ITO["blue"], *[OKABE_ITO["vermilion"]] * (len(names) - 1)]
-    panel.hlines(y, 0, losses, color=REFERENCE_COLOUR, lw=0.8)
-    panel.scatter(losses, y, c=colours, s=22, zorder=3, clip_on=False, gid="loss")
+    panel.hlines(y, 0, increases, color=REFERENCE_COLOUR, lw=0.8)
+    panel.scatter(increases, y, c=colours, s=22, zorder=3, clip_on=False, gid="increase")
     for k, name in enumerate(names):
         panel.annotate(name, (0, k), (2, 5), textcoords="offset points", fontsize=6.5, va="bottom")
     panel.set_xscale("symlog", linthresh=10.0)
-    panel.set_xlim(0, 10 ** math.ceil(math.log10(max(losses.max(), 20.0))))
+    panel.set_xlim(0, 10 ** math.ceil(math.log10(max(increases.max(), 20.0))))
     panel.set_ylim(len(names) - 0.6, -0.9)
     panel.set(yticks=[], xlabel="χ² above the best mechanism")
 

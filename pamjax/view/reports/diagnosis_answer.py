@@ -142,7 +142,7 @@ def _describe_held_out_errors(diagnosis: Diagnosis) -> tuple[str, ...]:
         if diagnosis.named_mechanisms:
             change += f" → {to_display(channel, errors.model_rmse[channel]):.3g}"
         parts.append(f"{channel} {change} {unit} (noise {noise[channel]['sd']:.3g} {unit})")
-    return (f"RMS error of held-out blocks ({errors.blocks.split(':')[0]}): {'; '.join(parts)}.",)
+    return (f"RMS error of held-out blocks ({errors.block_description.split(':')[0]}): {'; '.join(parts)}.",)
 
 
 def list_held_out_bars(diagnosis: Diagnosis) -> list[HeldOutBar]:

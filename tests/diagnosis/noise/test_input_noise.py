@@ -55,7 +55,7 @@ class Delayed:
     n: int = ROWS
     settings: DiagnosisSettings = DEFAULT_SETTINGS
 
-    def active(self, values):
+    def find_active_mechanisms(self, values):
         return {"channel_lag"} if values[0] else set()
 
     def predict(self, values):

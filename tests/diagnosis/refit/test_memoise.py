@@ -3,13 +3,13 @@
 import gc
 import weakref
 
-from pamjax.diagnosis.refit.remember import remember
+from pamjax.diagnosis.refit.memoise import memoise_per_fit
 from tests.diagnosis.plain_fits import build_fit
 
 calls = []
 
 
-@remember(lambda k: k)
+@memoise_per_fit(lambda k: k)
 def count(problem, fit, k):
     calls.append(k)
     return fit if k == 0 else build_fit(n=k)

@@ -133,10 +133,10 @@ def test_comparison_methods_are_sorted_by_their_score():
         "viscous_damping",
         "no mechanism",
     ]
-    (losses,) = select_artists(panel, "loss")
-    assert losses.get_offsets()[1:, 0].tolist() == [640.0, 5e4]
+    (increases,) = select_artists(panel, "increase")
+    assert increases.get_offsets()[1:, 0].tolist() == [640.0, 5e4]
     # A rival with a better fit is drawn at the axis limit, because the axis is logarithmic.
-    assert losses.get_offsets()[0, 0] == panel.get_xlim()[0]
+    assert increases.get_offsets()[0, 0] == panel.get_xlim()[0]
     assert figure.get_suptitle() == "channel_lag fits this recording as well as braid_friction"
 
 
@@ -161,9 +161,9 @@ def test_story_has_residuals_before_and_after_on_one_scale(protocol):
         for panel in (before, after)
     ]
     assert rms[0] > 4 * rms[1]
-    (losses,) = select_artists(rivals, "loss")
+    (increases,) = select_artists(rivals, "increase")
     # The named mechanism is the reference; a rival with a better fit is drawn there too.
-    assert losses.get_offsets()[:, 0].tolist() == [0.0, 0.0, 640.0, 5e4]
+    assert increases.get_offsets()[:, 0].tolist() == [0.0, 0.0, 640.0, 5e4]
 
 
 def test_story_needs_a_mechanism():
