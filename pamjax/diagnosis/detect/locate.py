@@ -63,8 +63,8 @@ def locate_effects(problem: LibraryProblem, baseline: CandidateFit, fit: Candida
         sizes = [_compute_rms(fit.noise.standardise(candidate_effect, c)) for c in range(len(CHANNELS))]
         for c, size in enumerate(sizes):
             if size > 0 and size >= settings.min_box_rms_ratio * max(sizes):
-                standard = _standardise_channel(problem, fit, candidate_effect, c)
-                boxes.append(_build_box(problem, baseline, axes, c, standard**2, candidate_effect[c]))
+                standardised = _standardise_channel(problem, fit, candidate_effect, c)
+                boxes.append(_build_box(problem, baseline, axes, c, standardised**2, candidate_effect[c]))
     return _divide_shares(problem, baseline, residual, boxes)
 
 
@@ -74,12 +74,12 @@ def locate_residual(problem: LibraryProblem, fit: CandidateFit) -> list[Box]:
     axes, residual = build_axes(problem), problem.measured - problem.predict(fit.estimate.values)
     boxes, excess = [], []
     for c in range(len(CHANNELS)):
-        standard = _standardise_channel(problem, fit, residual, c)
-        measured_rows = np.flatnonzero(np.isfinite(standard))
+        standardised = _standardise_channel(problem, fit, residual, c)
+        measured_rows = np.flatnonzero(np.isfinite(standardised))
         if measured_rows.size < settings.smoothing_rows:
             continue
         square = np.convolve(
-            standard[measured_rows] ** 2,
+            standardised[measured_rows] ** 2,
             np.ones(settings.smoothing_rows) / settings.smoothing_rows,
             mode="same",
         )
@@ -101,8 +101,8 @@ def locate_residual(problem: LibraryProblem, fit: CandidateFit) -> list[Box]:
     )
 
 
-def _compute_rms(standard: np.ndarray) -> float:
-    finite = standard[np.isfinite(standard)]
+def _compute_rms(standardised: np.ndarray) -> float:
+    finite = standardised[np.isfinite(standardised)]
     return float(np.sqrt(np.mean(finite**2))) if finite.size else 0.0
 
 
@@ -188,8 +188,8 @@ def _divide_shares(
     """Return the boxes with their shares of the excess squared residual; at most five, largest first."""
     excess = []
     for c in range(len(CHANNELS)):
-        standard = _standardise_channel(problem, fit, residual, c)
-        excess.append(np.where(np.isfinite(standard), standard**2 - 1, 0.0))
+        standardised = _standardise_channel(problem, fit, residual, c)
+        excess.append(np.where(np.isfinite(standardised), standardised**2 - 1, 0.0))
     parts = np.array([excess[problem.channels.index(r.box.channel)] @ d for r, d in _divide_rows(regions)])
     # Outside the boxes the residual may be below its noise.
     total = max(float(np.sum(excess)), float(np.clip(parts, 0.0, None).sum()))

@@ -230,13 +230,13 @@ def _find_largest_mean_square(
     for c, channel in enumerate(noise.channels):
         if channel is None or not channel.stated:
             continue
-        standard = noise.standardise(residual, c)[noise.rows[c]]
-        mean = float(np.mean(standard**2))
+        standardised = noise.standardise(residual, c)[noise.rows[c]]
+        mean = float(np.mean(standardised**2))
         variance_inflation = 1 + 2 * channel.ar1_fraction**2 * channel.correlation**2 / max(
             1 - channel.correlation**2, 1e-3
         )
         error = math.sqrt(
-            2 * variance_inflation / standard.size + problem.settings.sensor_variance_sd_share**2
+            2 * variance_inflation / standardised.size + problem.settings.sensor_variance_sd_share**2
         )
         worst = max(worst, (mean, (mean - 1) / error), key=lambda pair: pair[1])
     return worst

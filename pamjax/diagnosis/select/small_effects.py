@@ -89,10 +89,10 @@ def _compute_excess_mean_square(fit: CandidateFit) -> float:
 def is_prior_consistent(problem: LibraryProblem, fit: CandidateFit) -> bool:
     """Return whether the baseline parameters together are consistent with their priors."""
     baseline_indices = np.flatnonzero(problem.is_baseline & np.isfinite(problem.prior_sd))
-    off = (fit.estimate.values[baseline_indices] - problem.start[baseline_indices]) / problem.prior_sd[
-        baseline_indices
-    ]
-    return bool(chi2.sf(off @ off, max(baseline_indices.size, 1)) > problem.settings.min_prior_p_value)
+    deviations = fit.estimate.values[baseline_indices] - problem.start[baseline_indices]
+    deviations_in_sd = deviations / problem.prior_sd[baseline_indices]
+    prior_chi2 = deviations_in_sd @ deviations_in_sd
+    return bool(chi2.sf(prior_chi2, max(baseline_indices.size, 1)) > problem.settings.min_prior_p_value)
 
 
 def _has_extreme_amplitude(

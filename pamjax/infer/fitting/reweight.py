@@ -74,14 +74,14 @@ def reweight_dataset(
         if not measured.any():
             continue
         weights[k, measured] = 1 / sd[k, measured]
-        standard = (misfit[k] / sd[k])[:n]
-        standard = standard if loss == "square" else _clip_outliers(standard)
+        standardised = (misfit[k] / sd[k])[:n]
+        standardised = standardised if loss == "square" else _clip_outliers(standardised)
         effective_parameters = fitted_parameters * measured.sum() / np.isfinite(misfit).sum()
         autocorrelation_time = estimate_autocorrelation_time(
-            standard, case.recording.is_run_start, effective_parameters
+            standardised, case.recording.is_run_start, effective_parameters
         )
         rms_over_noise = math.sqrt(
-            np.nansum(standard**2)
+            np.nansum(standardised**2)
             / _compute_degrees_of_freedom(measured.sum(), effective_parameters, autocorrelation_time)
         )
         channel_weights[k] = (
@@ -100,7 +100,7 @@ def reweight_dataset(
     return _set_weights(dataset, weights, channel_weights), noise
 
 
-def has_neighbours(case: Case) -> bool:
+def has_enough_neighbours(case: Case) -> bool:
     """Return whether every measured channel has enough neighbouring samples to estimate its noise."""
     recording = case.recording
     if not recording.has_time:
@@ -113,7 +113,7 @@ def has_neighbours(case: Case) -> bool:
 
 def add_whitening(case: Case, dataset: Dataset) -> Dataset:
     """Return the dataset with a filter for white noise; unchanged without enough neighbouring samples."""
-    if not has_neighbours(case):
+    if not has_enough_neighbours(case):
         return dataset
     rows = dataset.rows
     weights = [np.asarray(w)[: case.recording.n] for w in (rows.force_weight, rows.diameter_weight)]
@@ -140,12 +140,12 @@ def _whiten_dataset(
         if channel is None:
             continue
         weights[k, rows] = 1 / channel.sd[rows]
-        standard = np.full(n, np.nan)
-        standard[rows] = residual[k, rows] / channel.sd[rows]
-        standard = standard if loss == "square" else _clip_outliers(standard)
+        standardised = np.full(n, np.nan)
+        standardised[rows] = residual[k, rows] / channel.sd[rows]
+        standardised = standardised if loss == "square" else _clip_outliers(standardised)
         neighbour_sd = estimate_neighbour_sd(residual[k], rows, case.recording.is_run_start)
         noise[name] = _describe_noise(
-            case, channel, rows, standard, neighbour_sd, fitted_parameters * rows.size / model.size
+            case, channel, rows, standardised, neighbour_sd, fitted_parameters * rows.size / model.size
         )
     new_dataset = dataclasses.replace(dataset, whitening=model.build_filter(weights.shape[1]))
     return _set_weights(new_dataset, weights, np.ones(2)), noise
@@ -172,15 +172,15 @@ def _describe_noise(
     case: Case,
     channel: Ar1Noise,
     rows: np.ndarray,
-    standard: np.ndarray,
+    standardised: np.ndarray,
     neighbour_sd: float,
     effective_parameters: float,
 ) -> ChannelNoise:
     """Return the noise of a channel, with the rms and the autocorrelation of its standardised residual."""
     autocorrelation_time = estimate_autocorrelation_time(
-        standard, case.recording.is_run_start, effective_parameters
+        standardised, case.recording.is_run_start, effective_parameters
     )
-    mean_square = np.nansum(standard**2) / _compute_degrees_of_freedom(
+    mean_square = np.nansum(standardised**2) / _compute_degrees_of_freedom(
         rows.size, effective_parameters, autocorrelation_time
     )
     return ChannelNoise(
@@ -189,7 +189,7 @@ def _describe_noise(
         rms_over_noise=math.sqrt(mean_square),
         autocorrelation_time=autocorrelation_time,
         correlation_time=compute_correlation_time(
-            autocorrelation_time, case.recording, np.isfinite(standard)
+            autocorrelation_time, case.recording, np.isfinite(standardised)
         ),
         samples=rows.size,
         neighbour_sd=neighbour_sd,
@@ -242,11 +242,11 @@ def _compute_noise_residuals(dataset: Dataset, values: jnp.ndarray) -> np.ndarra
     return compute_si_residuals(dataset, values) - estimate_form(dataset, values)
 
 
-def _clip_outliers(standard: np.ndarray) -> np.ndarray:
+def _clip_outliers(standardised: np.ndarray) -> np.ndarray:
     """Return residuals, clipped at `_SOFT_LOSS_CLIP_SD` robust standard deviations."""
     # For a normal distribution, the median absolute deviation is 0.6745 standard deviations.
-    clip_level = _SOFT_LOSS_CLIP_SD * float(np.nanmedian(np.abs(standard))) / 0.6745
-    return np.clip(standard, -clip_level, clip_level)
+    clip_level = _SOFT_LOSS_CLIP_SD * float(np.nanmedian(np.abs(standardised))) / 0.6745
+    return np.clip(standardised, -clip_level, clip_level)
 
 
 def _count_effective_parameters(solution: Solution) -> float:

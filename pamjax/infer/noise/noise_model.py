@@ -89,11 +89,11 @@ class NoiseModel:
     def _whiten_channel(self, values: np.ndarray, c: int) -> np.ndarray:
         channel, rows = self.channels[c], self.rows[c]
         assert channel is not None
-        standard = values[..., rows] / channel.sd[rows]
+        standardised = values[..., rows] / channel.sd[rows]
         if channel.correlation == 0:
-            return standard
+            return standardised
         # The filter restarts at each run.
-        parts = [channel.whiten(standard[..., first:last]) for first, last in self.runs[c]]
+        parts = [channel.whiten(standardised[..., first:last]) for first, last in self.runs[c]]
         return np.concatenate(parts, axis=-1)
 
     def standardise(self, values: np.ndarray, c: int) -> np.ndarray:

@@ -35,15 +35,15 @@ def main() -> int:
         # A name of an array may contain any character, so it is an entry and not the name of a member.
         np.savez(stream, *arrays.values(), names=np.array([*arrays], dtype=str))
     except MemoryError:
-        return _refuse("it needs too much memory")
+        return _report_unusable("it needs too much memory")
     # The readers raise errors of many types on corrupt files.
     except Exception as error:
-        return _refuse(" ".join(str(error).split()).rstrip(".") or type(error).__name__)
+        return _report_unusable(" ".join(str(error).split()).rstrip(".") or type(error).__name__)
     sys.stdout.buffer.write(stream.getvalue())
     return 0
 
 
-def _refuse(reason: str) -> int:
+def _report_unusable(reason: str) -> int:
     sys.stderr.write(reason)
     return EXIT_UNUSABLE
 

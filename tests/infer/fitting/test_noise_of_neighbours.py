@@ -8,7 +8,7 @@ import pytest
 from pamjax.infer.fitting.fit import fit
 from pamjax.infer.fitting.least_squares import linearise_problem
 from pamjax.infer.fitting.prior_bounds import find_limits, solve_within_limits
-from pamjax.infer.fitting.reweight import has_neighbours
+from pamjax.infer.fitting.reweight import has_enough_neighbours
 from tests.agreement import agree
 from tests.infer.made import SENSORS, made, sds_off
 
@@ -132,8 +132,8 @@ def test_limited_solution_has_no_better_neighbour():
 
 def test_tables_and_short_recordings_keep_the_noise_of_the_residuals():
     case = made()
-    assert has_neighbours(case)
-    assert not has_neighbours(
+    assert has_enough_neighbours(case)
+    assert not has_enough_neighbours(
         dataclasses.replace(case, recording=dataclasses.replace(case.recording, time=None))
     )
     table = dataclasses.replace(case, recording=dataclasses.replace(case.recording, time=None))
