@@ -349,8 +349,8 @@ def _format_lines(diagnosis: Diagnosis) -> list[str]:
         title = find_mechanism(mechanism.id).about.title
         estimates = list(diagnosis.parameters[mechanism.id].items())[:3]
         form = mechanism.form_error
-        departs = f", departs from its equation by {form:.0%}" if form is not None and form >= 0.01 else ""
-        lines.append(f"  {mechanism.id}: {title}, probability {mechanism.probability:.2f}{departs}")
+        form_error = f", form error {form:.0%}" if form is not None and form >= 0.01 else ""
+        lines.append(f"  {mechanism.id}: {title}, probability {mechanism.probability:.2f}{form_error}")
         lines.append("    " + ", ".join(format_named_estimate(n, v) for n, v in estimates))
         if mechanism.indistinguishable:
             alternatives = " and ".join(mechanism.indistinguishable)

@@ -12,12 +12,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpyro
-import numpyro.distributions as dist
-from numpyro.infer import MCMC, NUTS, init_to_value
-from numpyro.infer.util import log_density
+import numpyro  # pyright: ignore[reportMissingImports]
+import numpyro.distributions as dist  # pyright: ignore[reportMissingImports]
+from numpyro.infer import MCMC, NUTS, init_to_value  # pyright: ignore[reportMissingImports]
+from numpyro.infer.util import log_density  # pyright: ignore[reportMissingImports]
 
 from pamjax.infer.posterior.log_density import PosteriorDensity
+from tests.benchmarks.predecessors import list_predecessors
 from tests.infer.made import TRUE
 
 #: Newton steps of the toe law, as in the NumPy version.
@@ -38,12 +39,9 @@ class ByNumpyro:
         self.pressure, self.length = (a[:n] for a in (dataset.rows.pressure, dataset.rows.length))
         self.measured = {"force": dataset.rows.force[:n], "diameter": dataset.rows.diameter[:n]}
         self.there = {c: s.measured[:n] > 0 for c, s in zip(self.measured, streams, strict=True)}
-        self.has_predecessor = {c: s.has_predecessor[:n] for c, s in zip(self.measured, streams, strict=True)}
-        last = np.maximum(np.arange(n) - 1, 0)
-        self.before = {
-            c: last if s.predecessor is None else s.predecessor[:n]
-            for c, s in zip(self.measured, streams, strict=True)
-        }
+        pairs = {c: list_predecessors(s, n) for c, s in zip(self.measured, streams, strict=True)}
+        self.has_predecessor = {c: has_predecessor for c, (has_predecessor, _) in pairs.items()}
+        self.before = {c: predecessor for c, (_, predecessor) in pairs.items()}
 
     def priors(self) -> dict[str, Any]:
         """Return a distribution for every parameter, SI."""

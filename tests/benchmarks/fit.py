@@ -54,7 +54,7 @@ class Twin:
             np.asarray(a)[:n] for a in (rows.pressure, rows.length, rows.force, rows.diameter)
         )
         trust = np.asarray(dataset.channel_weights)
-        self.weights = (
+        self.weights: tuple[np.ndarray, ...] = (
             trust[0] * np.asarray(rows.force_weight)[:n],
             trust[1] * np.asarray(rows.diameter_weight)[:n],
         )
@@ -123,7 +123,8 @@ def by_lmfit(twin: Twin, size: int) -> np.ndarray:
         return twin(np.array([p[f"u{k}"].value for k in range(size)]))
 
     result = lmfit.minimize(misfit, start, scale_covar=False, xtol=1e-9, ftol=1e-9)
-    return np.array([p.value for p in result.params.values()])
+    values = result.params.values()  # pyright: ignore[reportAttributeAccessIssue]
+    return np.array([p.value for p in values])
 
 
 def by_scipy(twin: Twin, size: int, method: Literal["lm", "trf"]) -> np.ndarray:

@@ -21,6 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pamjax.infer.fitting.fit import fit
+from pamjax.infer.fitting.result import Fit
 from pamjax.infer.posterior.convergence import compute_convergence, discard_burn_in
 from pamjax.infer.posterior.laplace import GaussianApproximation, fit_laplace
 from pamjax.infer.posterior.log_density import PosteriorDensity, build_density, compute_log_densities
@@ -29,6 +30,7 @@ from pamjax.records.protocol import PAPER_PROTOCOL
 from pamjax.records.reading.muscle_toml import Sensors
 from tests.benchmarks.fit import Twin
 from tests.benchmarks.keep import arguments, keep
+from tests.benchmarks.predecessors import list_predecessors
 from tests.infer.made import made
 
 #: Two sensors: the noise agrees with the likelihood.
@@ -44,12 +46,9 @@ class ByNumpy:
         (dataset,), self.likelihoods, self.at = density.datasets, density.likelihoods[0], density.space
         self.twin = Twin("toe", dataset, density.space)
         self.n = self.twin.pressure.size
-        self.has_predecessor = [np.asarray(s.has_predecessor)[: self.n] for s in self.likelihoods]
+        pairs = [list_predecessors(s, self.n) for s in self.likelihoods]
+        self.has_predecessor, self.before = zip(*pairs, strict=True)
         self.there = [np.asarray(s.measured)[: self.n] for s in self.likelihoods]
-        last = np.maximum(np.arange(self.n) - 1, 0)
-        self.before = [
-            last if s.predecessor is None else np.asarray(s.predecessor)[: self.n] for s in self.likelihoods
-        ]
         self.twin.weights = tuple(self.there)
 
     def __call__(self, u: np.ndarray) -> float:
@@ -100,7 +99,7 @@ def near(ball: GaussianApproximation) -> np.ndarray:
     return np.asarray(ball(jax.random.normal(jax.random.key(3), (3, ball.centre.size))))
 
 
-def problem() -> tuple[object, PosteriorDensity, GaussianApproximation]:
+def problem() -> tuple[Fit, PosteriorDensity, GaussianApproximation]:
     result = fit(
         made("toe", plan=PAPER_PROTOCOL, seed=1, bench=BENCH, sensors=BENCH, lag_one=0.5),
         "toe",

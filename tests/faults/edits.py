@@ -82,7 +82,7 @@ def mutate_csv(text: str, random: np.random.Generator) -> bytes:
 
 def _apply(text: str, random: np.random.Generator, edits: Sequence[Edit]) -> bytes:
     for _ in range(1 + int(random.choice(len(EDIT_SHARES), p=EDIT_SHARES))):
-        text = edits[random.integers(len(edits))](text, random)
+        text = edits[int(random.integers(len(edits)))](text, random)
     raw = text.encode("utf-8", "surrogatepass")
     return damage_bytes(raw, random) if random.random() < 0.1 else raw
 
@@ -286,4 +286,4 @@ def _replace_match(
 
 
 def _choose(options: Sequence[str], random: np.random.Generator) -> str:
-    return options[random.integers(len(options))]
+    return options[int(random.integers(len(options)))]

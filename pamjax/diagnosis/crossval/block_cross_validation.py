@@ -6,8 +6,8 @@ together explain this fraction of the misfit of the left-out blocks:
     1 − Σ excess with / Σ excess without,        excess = χ² − samples of the left-out block.
 
 Each mechanism alone reduces χ² in the left-out blocks, and in the same blocks after a fit to all of them. The
-ratio of both reductions is its predicted share. It depends little on misfit that other physics leaves. Its
-share is small if a wrong mechanism only adapts to the blocks in the fit.
+ratio of both reductions is its predicted fraction. It depends little on misfit that other physics leaves. Its
+fraction is small if a wrong mechanism only adapts to the blocks in the fit.
 
 A block is skipped for amplitudes that no other block constrains, because no fit without it can predict them.
 Shape parameters that only the left-out block determines stay at their estimates from all blocks. A baseline
@@ -134,11 +134,13 @@ class BlockCrossValidation:
         )
 
     @cached_property
-    def predicted_share_by_mechanism(self) -> dict[str, float]:
-        """Return by id the share of a mechanism's effect on χ² that it has in left-out blocks too, 0 to 1."""
-        return {candidate.id: self._compute_predicted_share(candidate) for candidate in self.fit.mechanisms}
+    def predicted_fraction_by_mechanism(self) -> dict[str, float]:
+        """Return by id the fraction of a mechanism's effect on χ² that it has in left-out blocks , 0 to 1."""
+        return {
+            candidate.id: self._compute_predicted_fraction(candidate) for candidate in self.fit.mechanisms
+        }
 
-    def _compute_predicted_share(self, candidate: Candidate) -> float:
+    def _compute_predicted_fraction(self, candidate: Candidate) -> float:
         if not self.noise_splits:
             return 1.0
         reduced = self._baseline if len(self.fit.mechanisms) == 1 else self._remove_mechanisms((candidate,))
@@ -150,7 +152,7 @@ class BlockCrossValidation:
         )
         fitted_reduction = reduced.compute_fitted_chi2() - self._compute_fitted_chi2()
         informed_blocks = self._select_informed_blocks((candidate,))
-        return _compute_predicted_share(
+        return _compute_predicted_fraction(
             left_out_reduction[informed_blocks].sum(),
             fitted_reduction[informed_blocks].sum(),
             fitted_reduction.sum(),
@@ -248,10 +250,10 @@ def _compute_explained_fraction(
     return float(np.clip(1 - max(excess_with, 0.0) / excess_without, 0.0, 1.0))
 
 
-def _compute_predicted_share(
+def _compute_predicted_fraction(
     left_out_reduction: float, fitted_reduction: float, total_reduction: float, min_information_share: float
 ) -> float:
-    """Return the share of a reduction of χ² that left-out blocks confirm.
+    """Return the fraction of a reduction of χ² that left-out blocks confirm.
 
     It is 1 if the blocks that can test it have too little of the reduction, and 0 if there is no reduction.
     """

@@ -51,8 +51,11 @@ def cross_validate_selection(
     cross_validation = BlockCrossValidation.from_blocks(
         problem, blocks, training_rows, add_form_errors(problem, selection.model)
     )
-    shares, limit = cross_validation.predicted_share_by_mechanism, problem.settings.established_probability
-    weighted = [replace(m, probability=m.probability * shares[m.id]) for m in selection.named_mechanisms]
+    fractions, limit = (
+        cross_validation.predicted_fraction_by_mechanism,
+        problem.settings.established_probability,
+    )
+    weighted = [replace(m, probability=m.probability * fractions[m.id]) for m in selection.named_mechanisms]
     remaining = [m for m in weighted if m.probability >= limit]
     return (
         restrict_selection(problem, training_rows, selection, remaining),
@@ -68,8 +71,7 @@ def format_dropped_mechanisms(selected: Selection, confirmed: Selection) -> list
     ]
     if not dropped_ids:
         return []
-    its, is_not = ("its", "it is") if len(dropped_ids) == 1 else ("their", "they are")
+    its, is_not = ("its", "is not") if len(dropped_ids) == 1 else ("their", "are not")
     return [
-        f"Left-out blocks confirm too little of {join_words(dropped_ids)}, or {its} probability was low:"
-        f" {is_not} not reported."
+        f"{join_words(dropped_ids)} {is_not} reported: after cross-validation {its} probability is too low."
     ]

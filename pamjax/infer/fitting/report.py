@@ -211,19 +211,17 @@ def format_misfit(channel: str, rmse: float, noise: ChannelNoise) -> str:
     if not noise.stated:
         # The line above has the only estimate of the noise; a second one would contradict it.
         return (
-            f"{channel} is missed by {format_channel_value(rmse, channel)}, {rmse / noise.sd:.1f} times its"
+            f"the rmse of {channel} is {format_channel_value(rmse, channel)}, {rmse / noise.sd:.1f} times its"
             " noise: the model may lack a mechanism; run `pamjax diagnose`"
         )
-    rmse_text, difference_text = (
-        format_channel_value(value, channel) for value in (rmse, noise.neighbour_sd)
-    )
+    rmse_text, noise_text = (format_channel_value(value, channel) for value in (rmse, noise.neighbour_sd))
     if noise.neighbour_sd > _MAX_NEIGHBOUR_SHARE * rmse:
         return (
-            f"{channel} is missed by {rmse_text}, and neighbouring samples differ by {difference_text}:"
+            f"the rmse of {channel} is {rmse_text}, and the noise of neighbouring samples is {noise_text}:"
             " check the noise in [sensors]"
         )
     return (
-        f"{channel} is missed by {rmse_text}, while neighbouring samples differ by {difference_text}:"
+        f"the rmse of {channel} is {rmse_text}, while the noise of neighbouring samples is {noise_text}:"
         " the model may lack a mechanism; run `pamjax diagnose`"
     )
 

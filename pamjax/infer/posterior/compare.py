@@ -74,8 +74,8 @@ class PosteriorComparison(NotebookText):
             unreliable = [b for b, k in zip(s.blocks, s.pareto_k, strict=True) if not k < MAX_PARETO_K]
             if unreliable:
                 lines.append(
-                    f"  {s.name}: the score of {_format_few_names(unreliable)} is not reliable"
-                    f" (k̂ up to {s.pareto_k.max():.1f})"
+                    f"  {s.name}: the score of {_format_few_names(unreliable)} is not reliable:"
+                    f" Pareto k̂ is up to {s.pareto_k.max():.1f}, above {MAX_PARETO_K}"
                 )
         return "\n".join([*lines, self._format_conclusion()])
 

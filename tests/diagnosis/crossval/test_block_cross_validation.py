@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.crossval.block_cross_validation import BlockCrossValidation, _compute_predicted_share
+from pamjax.diagnosis.crossval.block_cross_validation import BlockCrossValidation, _compute_predicted_fraction
 from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import build_library_problem
@@ -26,7 +26,7 @@ from tests.diagnosis.bank import BankRecording, simulate_bank
     ],
 )
 def test_the_share_is_the_ratio_of_both_reductions(left_out, fitted, total, share):
-    assert _compute_predicted_share(left_out, fitted, total, 0.05) == pytest.approx(share)
+    assert _compute_predicted_fraction(left_out, fitted, total, 0.05) == pytest.approx(share)
 
 
 @pytest.mark.slow
@@ -45,4 +45,4 @@ def test_a_wrong_mechanism_has_a_small_share(unmodelled, imitator):
     fit = fit_with_candidate(problem, baseline, best)
     assert fit.estimate.chi2 < 0.8 * baseline.estimate.chi2
     cross_validation = BlockCrossValidation.from_blocks(problem, find_blocks(case.recording), rows, fit)
-    assert cross_validation.predicted_share_by_mechanism[imitator] < 0.5
+    assert cross_validation.predicted_fraction_by_mechanism[imitator] < 0.5

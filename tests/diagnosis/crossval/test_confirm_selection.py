@@ -23,8 +23,8 @@ pytestmark = pytest.mark.slow
 #: Largest probability of a mechanism beside an unexplained misfit.
 MAX_PROBABILITY_BESIDE_MISFIT = 0.75
 
-#: Smallest predicted share of a mechanism that is in the recording.
-MIN_TRUE_SHARE = 0.9
+#: Smallest predicted fraction of a mechanism that is in the recording.
+MIN_TRUE_FRACTION = 0.9
 
 RUBBER = BankRecording(1, only="bladder_elasticity", smallest=12.0, largest=12.0)
 #: Weaker rubber beside a step of the force zero.
@@ -72,7 +72,7 @@ def test_a_mechanism_beside_an_unexplained_effect_has_half_of_its_certainty():
     assert diagnose_bank(RUBBER).named_mechanisms[0].probability > MAX_PROBABILITY_BESIDE_MISFIT
 
 
-def test_misfit_of_other_physics_does_not_reduce_the_share():
+def test_misfit_of_other_physics_does_not_reduce_the_fraction():
     diagnosis = diagnose_bank(RUBBER_AND_STEP)
     cross_validation = BlockCrossValidation.from_blocks(
         diagnosis.problem,
@@ -81,8 +81,8 @@ def test_misfit_of_other_physics_does_not_reduce_the_share():
         diagnosis.selection.model,
     )
     # The step of the zero is in no mechanism, so that a part of the left-out misfit remains.
-    assert cross_validation.explained_fraction < MIN_TRUE_SHARE
-    assert cross_validation.predicted_share_by_mechanism["bladder_elasticity"] > MIN_TRUE_SHARE
+    assert cross_validation.explained_fraction < MIN_TRUE_FRACTION
+    assert cross_validation.predicted_fraction_by_mechanism["bladder_elasticity"] > MIN_TRUE_FRACTION
 
 
 def test_a_few_isobars_are_divided_into_cycles():
@@ -110,6 +110,5 @@ def test_dropped_mechanisms_are_in_a_note():
     before = diagnose_bank(RUBBER).selection
     assert format_dropped_mechanisms(before, before) == []
     assert format_dropped_mechanisms(before, replace(before, named_mechanisms=())) == [
-        "Left-out blocks confirm too little of `bladder_elasticity`, or its probability was low: it is not"
-        " reported."
+        "`bladder_elasticity` is not reported: after cross-validation its probability is too low."
     ]

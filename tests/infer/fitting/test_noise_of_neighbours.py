@@ -66,7 +66,7 @@ def test_noise_is_that_of_neighbours_and_not_the_misfit():
     assert noise.sd == pytest.approx(quiet.sd, rel=0.25)
     assert noise.rms_over_noise > 3
     note = str(fitted)
-    assert "force is missed by" in note
+    assert "the rmse of force is" in note
     rmse = fitted.cases[0].rmse["force"]
     # One estimate of the noise: the difference of neighbouring samples would be a second one.
     assert f"{rmse / noise.sd:.1f} times its noise" in note

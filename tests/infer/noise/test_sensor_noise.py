@@ -145,6 +145,6 @@ def test_misfit_above_the_sensor_noise_counts_as_noise():
     bench = dataclasses.replace(SENSORS, force=20.0, diameter=0.5e-3)
     sure, unsure = fit(made(), starts=1, fold_count=2), fit(made(bench=bench), starts=1, fold_count=2)
     assert unsure.cases[0].noise["diameter"].rms_over_noise == pytest.approx(10, rel=0.2)
-    assert "neighbouring samples differ by 0.445 mm" in str(unsure)
+    assert "the noise of neighbouring samples is 0.445 mm" in str(unsure)
     assert "check the noise in [sensors]" in str(unsure)
     assert unsure.estimates["thread.modulus"].sd > 4 * sure.estimates["thread.modulus"].sd

@@ -56,7 +56,9 @@ def test_influential_block_is_named():
     score = PosteriorScore(
         "a", "elastic threads", ("isobar 1 kPa", "isobar 2 kPa"), np.zeros(2), np.array([0.2, 0.9])
     )
-    assert "a: the score of isobar 2 kPa is not reliable (k̂ up to 0.9)" in str(PosteriorComparison((score,)))
+    assert "a: the score of isobar 2 kPa is not reliable: Pareto k̂ is up to 0.9, above 0.7" in str(
+        PosteriorComparison((score,))
+    )
 
 
 def test_invalid_posterior_is_refused(tmp_path):
