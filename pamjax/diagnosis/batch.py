@@ -29,7 +29,7 @@ def diagnose_all(
         seed: seed of the random draws for the p-values.
         settings: thresholds of the diagnosis.
         progress: called with the name of the step and the share done.
-        workers: number of threads; if omitted, the number of cores, at most four.
+        workers: number of threads, at most one for each case; if omitted, the number of cores, at most four.
 
     Yields:
         each case with its diagnosis, or with the error of a bad input.
@@ -42,7 +42,9 @@ def diagnose_all(
         except BadInput as error:
             return error
 
-    workers = min(workers or os.cpu_count() or 1, 4, len(cases))
+    if not cases:
+        return
+    workers = min(workers or min(os.cpu_count() or 1, 4), len(cases))
     if workers == 1:
         for case in cases:
             yield (

@@ -49,7 +49,7 @@ def build_model_document(problem: LibraryProblem, fit: CandidateFit) -> dict[str
                 "calibrated": ends,
                 "memory": {"gaps": case.gaps, "before": case.before},
                 "muscle": {"law": law, "mechanisms": ids, "numbers": numbers},
-                "muscle_toml": _read_muscle_toml(problem),
+                "muscle_toml": problem.case.text,
             }
         },
     }
@@ -77,8 +77,3 @@ def _serialise_parameter(name: str, value: float, sd: float) -> dict[str, Any]:
     unit = find_meaning(name).show
     scale = compute_si_factor(unit)
     return {"value": float(value) / scale, "sd": float(sd) / scale, "unit": unit}
-
-
-def _read_muscle_toml(problem: LibraryProblem) -> str:
-    file = problem.case.folder / "muscle.toml"
-    return file.read_text(encoding="utf-8-sig") if file.exists() else ""

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -234,6 +235,10 @@ class SizingProblem:
         """Return the scaled free coordinates, (free,), clipped to 0..1."""
         span = (self.high - self.low)[self.free_indices]
         return np.clip((c - self.low)[self.free_indices] / span, 0.0, 1.0)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A compiled program cannot be pickled.
+        return {name: value for name, value in self.__dict__.items() if name != "_evaluation"}
 
     @cached_property
     def _evaluation(self) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:

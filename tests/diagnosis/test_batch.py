@@ -32,6 +32,10 @@ def test_each_case_has_its_own_error(workers):
     assert all(isinstance(error, BadInput) for _, error in results)
 
 
+def test_no_case_gives_no_result():
+    assert list(diagnose_all([])) == []
+
+
 @pytest.mark.slow
 def test_an_invalid_case_does_not_stop_the_others():
     gain = simulate_bank(BankRecording(1, only="force_gain")).case

@@ -62,6 +62,7 @@ def diagnose(
     names = [case.name for case in parsed_cases]
     for name in names:
         if names.count(name) > 1:
+            _print_errors(errors)
             rule = "cases of one command must have different names"
             raise BadInput.from_rule(rule, f"{name!r} twice", remedy="Rename one folder.")
     diagnoses, summaries, paths, reported_count = [], [], [], 0
@@ -97,9 +98,11 @@ def diagnose(
     else:
         print_text("\n\n".join(summaries))
     print_written_files(paths)
-    if errors:
+    if len(errors) > reported_count:
         _print_errors(errors[reported_count:-1])
         raise errors[-1]  # `main` prints this one
+    if errors:
+        raise BadInput(f"{len(errors)} of {len(cases)} cases not diagnosed: see the messages above")
 
 
 def _list_files(diagnosis: Diagnosis, out: Path, compared: bool, report: bool) -> list[Path]:

@@ -30,7 +30,6 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import (
     CandidateFit,
     get_free_indices,
-    get_parameter_indices,
     switch_off_candidate,
 )
 from pamjax.diagnosis.refit.least_squares import MapEstimate, evaluate_estimate, fit_parameters
@@ -284,7 +283,7 @@ def _fit_without_blocks(
 ) -> list[_LeftOutBlock]:
     """Return the results of the fits without each block."""
     baseline_indices = np.flatnonzero(problem.is_baseline).tolist()
-    free = sorted({*baseline_indices, *get_parameter_indices(problem, mechanisms)})
+    free = get_free_indices(problem, mechanisms)
 
     def fit_without_block(split: tuple[tuple[NoiseModel, NoiseModel], set[int]]) -> _LeftOutBlock:
         (training_noise, left_out_noise), fixed = split

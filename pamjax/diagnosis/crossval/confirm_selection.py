@@ -3,15 +3,15 @@
 Unmodelled physics is often absorbed by the nearest mechanism in the library: a saturated load cell resembles
 a compliant rig. Such a fit fails on other blocks. Therefore each training block is left out once
 (`block_cross_validation.py`), with the form errors of the mechanisms as noise. All mechanisms together must
-explain 5/6 of the misfit of the left-out blocks (setting `min_explained_fraction`). Otherwise a part of the
+explain most of the misfit of the left-out blocks (setting `min_explained_fraction`). Otherwise a part of the
 misfit is unexplained, even if their residual in the fit is only noise.
 
-Each mechanism is also tested alone. Its probability is multiplied by the share of its effect that left-out
+Each mechanism is also tested alone. Its probability is multiplied by the fraction of its effect that left-out
 blocks confirm. It is dropped if its probability is then below `established_probability`. This is done once,
 with all mechanisms in the model.
 
 If a part of the misfit is unexplained, the certainty of the remaining mechanisms is reduced (setting
-`doubtful_certainty_share`). Certainty is the distance of a probability from even chances.
+`doubtful_certainty_share`). Certainty is the distance of a probability from `established_probability`.
 
 Limits: a mechanism that replaces physics outside the library can explain left-out blocks too. It is then
 named with a low probability, beside an unexplained part.

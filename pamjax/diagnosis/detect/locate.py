@@ -26,6 +26,9 @@ from pamjax.diagnosis.refit.candidate_fit import CandidateFit, compute_unabsorbe
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.problem.dataset import CHANNELS
 
+#: Models from which a box deviates, as text.
+_BASELINE, _MODEL = "the baseline", "the model with the named mechanisms"
+
 #: Directions of motion as text.
 _DIRECTION_TEXTS = {SHORTENING: "shortening", STILL: "at rest", LENGTHENING: "lengthening"}
 
@@ -70,7 +73,7 @@ def locate_effects(problem: LibraryProblem, baseline: CandidateFit, fit: Candida
 
 def locate_residual(problem: LibraryProblem, fit: CandidateFit) -> list[Box]:
     """Return a box of the residual beyond noise for each channel, largest share first."""
-    settings = problem.settings
+    settings, reference = problem.settings, _MODEL if fit.mechanisms else _BASELINE
     axes, residual = build_axes(problem), problem.measured - problem.predict(fit.estimate.values)
     boxes, excess = [], []
     for c in range(len(CHANNELS)):
@@ -97,7 +100,7 @@ def locate_residual(problem: LibraryProblem, fit: CandidateFit) -> list[Box]:
         problem,
         fit,
         residual,
-        [_build_box(problem, fit, axes, c, weight, residual[c]) for c, weight in kept],
+        [_build_box(problem, fit, axes, c, weight, residual[c], reference) for c, weight in kept],
     )
 
 
@@ -132,7 +135,13 @@ class _UnsharedBox:
 
 
 def _build_box(
-    problem: LibraryProblem, fit: CandidateFit, axes: RecordingAxes, c: int, weight, signed
+    problem: LibraryProblem,
+    fit: CandidateFit,
+    axes: RecordingAxes,
+    c: int,
+    weight,
+    signed,
+    reference: str = _BASELINE,
 ) -> _UnsharedBox:
     settings = problem.settings
     rows = np.flatnonzero(np.nan_to_num(weight) > 0)
@@ -153,7 +162,9 @@ def _build_box(
         inside &= axes.direction == (SHORTENING if direction == "shortening" else LENGTHENING)
     channel, channel_noise = problem.channels[c], fit.noise.channels[c]
     sd = np.zeros(weight.size) if channel_noise is None else channel_noise.sd
-    description = _format_box(settings, channel, direction, pressure, contraction, signed, inside, axes, sd)
+    description = _format_box(
+        settings, channel, direction, pressure, contraction, signed, inside, axes, sd, reference
+    )
     box = Box(channel, direction, pressure, contraction, time, 0.0, description)
     return _UnsharedBox(box, inside, np.where(inside, np.nan_to_num(weight), 0.0))
 
@@ -185,7 +196,7 @@ def _find_direction(settings: DiagnosisSettings, direction: np.ndarray, weights:
 def _divide_shares(
     problem: LibraryProblem, fit: CandidateFit, residual: np.ndarray, regions: Sequence[_UnsharedBox]
 ) -> list[Box]:
-    """Return the boxes with their shares of the excess squared residual; at most five, largest first."""
+    """Return the boxes with their shares of the excess squared residual, the largest first."""
     excess = []
     for c in range(len(CHANNELS)):
         standardised = _standardise_channel(problem, fit, residual, c)
@@ -221,6 +232,7 @@ def _format_box(
     inside,
     axes: RecordingAxes,
     sd,
+    reference: str = _BASELINE,
 ) -> str:
     unit, scale = DISPLAY_UNIT[channel], to_display(channel, 1.0)
     where = f"Between {pressure[0] / 1e3:.0f} and {pressure[1] / 1e3:.0f} kPa"
@@ -238,21 +250,21 @@ def _format_box(
     is_by_direction = direction == "both" and not is_mixed
     if is_by_direction and shortens is not None and lengthens is not None and shortens * lengthens < 0:
         return (
-            f"{where}, {channel} is {_format_difference(lengthens, scale, unit)} than the baseline while the"
+            f"{where}, {channel} is {_format_difference(lengthens, scale, unit)} than {reference} while the"
             f" muscle lengthens and {_format_difference(shortens, scale, unit)} while it shortens."
         )
     values = signed[inside]
     typical = _compute_signed_rms(values) or 0.0
-    sentence = f"{where}, {channel} is {_format_difference(typical, scale, unit)} than the baseline"
+    sentence = f"{where}, {channel} is {_format_difference(typical, scale, unit)} than {reference}"
     if _compute_one_sided_rms(settings, values) is None:
-        sentence = _format_trend(settings, where, channel, values, inside, axes, scale, unit) or (
-            f"{where}, {channel} is about {_format_size(typical, scale, unit)} higher or lower than the"
-            f" baseline"
+        sentence = _format_trend(settings, where, channel, values, inside, axes, scale, unit, reference) or (
+            f"{where}, {channel} is about {_format_size(typical, scale, unit)} higher or lower than"
+            f" {reference}"
         )
     elif _has_both_signs(signed, sd, parts):
-        sentence = _format_trend(settings, where, channel, values, inside, axes, scale, unit) or (
+        sentence = _format_trend(settings, where, channel, values, inside, axes, scale, unit, reference) or (
             f"{where}, {channel} is {_format_extremes(settings, signed, parts, axes, scale, unit)}"
-            f" than the baseline"
+            f" than {reference}"
         )
     if direction != "both":
         sentence += f" while the muscle {'shortens' if direction == 'shortening' else 'lengthens'}"
@@ -302,7 +314,15 @@ def _format_extremes(
 
 
 def _format_trend(
-    settings: DiagnosisSettings, where, channel, values, inside, axes: RecordingAxes, scale, unit
+    settings: DiagnosisSettings,
+    where,
+    channel,
+    values,
+    inside,
+    axes: RecordingAxes,
+    scale,
+    unit,
+    reference: str = _BASELINE,
 ) -> str:
     """Return the trend of a deviation with pressure or contraction; empty without a trend."""
     for name, along in (("pressure", axes.pressure), ("contraction", axes.contraction)):
@@ -315,7 +335,7 @@ def _format_trend(
             low, high = (float(np.mean(values[end])) for end in ends)
             verb = "increases" if high > low else "decreases"
             first, last = (_format_difference(v, scale, unit) for v in (low, high))
-            return f"{where}, {channel} relative to the baseline {verb} with {name}, from {first} to {last}"
+            return f"{where}, {channel} relative to {reference} {verb} with {name}, from {first} to {last}"
     return ""
 
 

@@ -49,7 +49,8 @@ class Significance:
         p_value: global p-value of the largest deviation, over all directions.
         largest_deviation: largest deviation in standard deviations, reduced where its noise is uncertain.
         direction_count: number of tested directions.
-        mean_square: mean squared residual over the noise variance; 1 for pure noise.
+        mean_square: mean squared residual over the noise variance, of the channel in which it exceeds 1 most
+            significantly; 1 for pure noise.
     """
 
     p_value: float
@@ -101,7 +102,7 @@ def compute_significance(
         is_two_sided,
         problem.settings.significance_draws,
     )
-    mean_square, z_score = _find_largest_mean_square(problem, noise, estimate)
+    mean_square, z_score = _test_mean_squares(problem, noise, estimate)
     p_value = min(
         p / (1 - problem.settings.mean_square_level_share),
         float(norm.sf(z_score)) / problem.settings.mean_square_level_share,
@@ -219,16 +220,20 @@ def _find_degrees_of_freedom(noise: NoiseModel) -> float:
     return min((channel.degrees_of_freedom for channel in noise.channels if channel), default=math.inf)
 
 
-def _find_largest_mean_square(
+def _test_mean_squares(
     problem: LibraryProblem, noise: NoiseModel, estimate: MapEstimate
 ) -> tuple[float, float]:
-    """Return the largest mean square of a channel's residual and its excess over 1 in standard errors."""
+    """Return the most significant mean square of a channel's residual, and the z-score for the p-value.
+
+    The z-score is the excess over 1 in standard errors, of the channels with stated noise only: the standard
+    error does not contain the error of an estimated noise.
+    """
     residual = problem.measured - problem.predict(estimate.values)
     if isinstance(noise, DiscrepancyNoise):
         residual = residual - noise.estimate_discrepancy(residual)
-    worst = (1.0, -math.inf)
+    mean_square, largest, largest_of_stated = 1.0, -math.inf, -math.inf
     for c, channel in enumerate(noise.channels):
-        if channel is None or not channel.stated:
+        if channel is None or noise.rows[c].size == 0:
             continue
         standardised = noise.standardise(residual, c)[noise.rows[c]]
         mean = float(np.mean(standardised**2))
@@ -238,5 +243,9 @@ def _find_largest_mean_square(
         error = math.sqrt(
             2 * variance_inflation / standardised.size + problem.settings.sensor_variance_sd_share**2
         )
-        worst = max(worst, (mean, (mean - 1) / error), key=lambda pair: pair[1])
-    return worst
+        z_score = (mean - 1) / error
+        if z_score > largest:
+            mean_square, largest = mean, z_score
+        if channel.stated:
+            largest_of_stated = max(largest_of_stated, z_score)
+    return mean_square, largest_of_stated

@@ -19,6 +19,7 @@ from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed, linearise
 from pamjax.diagnosis.refit.candidate_fit import (
     CandidateFit,
     build_corrected_fit,
+    get_free_indices,
     switch_off_candidate,
     switch_on_candidate,
 )
@@ -126,7 +127,7 @@ def evaluate_protocols(
             false_alarm_rate=settings.false_alarm_rate,
         )
         minutes = protocol.compute_minutes(testbed.rig)
-        description = f"{protocol.describe(testbed.rig)} ({_format_duration(minutes)})."
+        description = f"{protocol.describe(testbed.rig)} ({_format_duration(minutes)})"
         out.append(Experiment(description, ids, round(power, 3), minutes, protocol.id, chi2_limit))
     return out
 
@@ -145,7 +146,7 @@ def fit_rival(problem: LibraryProblem, fit: CandidateFit, name: str, rival: str)
     reduced_estimate = fit_parameters(
         problem,
         fit.noise,
-        _get_free_indices(problem, remaining),
+        get_free_indices(problem, remaining),
         switch_off_candidate(problem, fit.estimate.values, candidate),
     )
     return fit_best_rival(problem, CandidateFit(remaining, fit.noise, reduced_estimate), candidates)
@@ -176,7 +177,7 @@ def fit_best_rival(
             estimate = fit_parameters(
                 problem,
                 reduced_fit.noise,
-                _get_free_indices(problem, mechanisms),
+                get_free_indices(problem, mechanisms),
                 values,
                 problem.settings.rough_evaluations,
             )
@@ -192,8 +193,3 @@ def fit_best_rival(
         for m in best
     ]
     return min(final_fits, key=lambda m: m.corrected_chi2)
-
-
-def _get_free_indices(problem: LibraryProblem, mechanisms: Sequence[Candidate]) -> list[int]:
-    indices = {problem.index(name) for candidate in mechanisms for name in candidate.free_parameters}
-    return sorted({*np.flatnonzero(problem.is_baseline).tolist(), *indices})

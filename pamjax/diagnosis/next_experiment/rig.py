@@ -32,7 +32,7 @@ class RigLimits:
             diameter (m), pressure (Pa) and length (m), 1 sd.
         max_force: largest force of the recording, N.
         has_camera: whether the recording has diameters.
-        duration: time at the end of the recording, s.
+        duration: duration of the recording, s.
     """
 
     rest_length: float

@@ -55,7 +55,7 @@ class SimulatedTestbed:
     def from_fit(cls, problem: LibraryProblem, fit: CandidateFit) -> SimulatedTestbed:
         """Return the testbed of a recording and its fitted model."""
         recording, sensors = problem.case.recording, problem.case.muscle_toml.sensors
-        step, duration = _read_clock(recording)
+        step, end_time, duration = _read_clock(recording)
         channels = fit.noise.channels
         observed_sd = [CAMERA_SD_M if c is None else float(np.sqrt(np.mean(c.sd[r] ** 2))) for c, r in
                 zip(channels, fit.noise.rows, strict=True)]  # fmt: skip
@@ -72,7 +72,7 @@ class SimulatedTestbed:
             sensor_sd,
             float(sd_inflation),
             correlations,
-            duration + _PAUSE_BEFORE_PROTOCOL_S,
+            end_time + _PAUSE_BEFORE_PROTOCOL_S,
         )
 
     def simulate(self, schedule: Schedule) -> LibraryProblem:
@@ -114,7 +114,7 @@ class SimulatedTestbed:
             problem.dataset, jnp.asarray(values), problem.case.muscle_toml.sensors, self.sensor_sd
         )[:, : problem.n]
         sd = self.sd_inflation * np.nan_to_num(sd, nan=1e30)
-        step, _ = _read_clock(problem.case.recording)
+        step, _, _ = _read_clock(problem.case.recording)
         channels, rows, runs = [], [], []
         for c in range(2):
             channel_rows = np.flatnonzero(is_measured[c])
@@ -132,11 +132,12 @@ class SimulatedTestbed:
         return NoiseModel(tuple(channels), tuple(rows), tuple(runs))
 
 
-def _read_clock(recording: Recording) -> tuple[float, float]:
-    """Return the time between samples and the time of the last sample, s."""
+def _read_clock(recording: Recording) -> tuple[float, float, float]:
+    """Return the time between samples, the time of the last sample, and the duration, s."""
     if recording.time is None or recording.n < 2:
-        return 1.0, 0.0
-    return max(float(np.median(np.diff(recording.time))), 1e-3), float(recording.time[-1])
+        return 1.0, 0.0, 0.0
+    step = max(float(np.median(np.diff(recording.time))), 1e-3)
+    return step, float(recording.time[-1]), float(np.ptp(recording.time))
 
 
 def _estimate_rig_limits(

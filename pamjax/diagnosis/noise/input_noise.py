@@ -13,8 +13,8 @@ correction, a delay of half a sample can have a lower χ² than the true model.
 The mean over u uses random signs, ±sd, the same for every model. Four draws have the signs of the rows of
 a Hadamard matrix: products of neighbours, and of pressure and length, then average to zero.
 
-The correction is at most a tenth of the samples. If a model amplifies noise strongly, noise added to an
-already noisy path is no good estimate of noise on the true path.
+A setting limits the correction. If a model amplifies noise strongly, noise added to an already noisy path is
+no good estimate of noise on the true path.
 Source: derived here; signs as M. F. Hutchinson, Commun. Stat. Simul. 18, 1059 (1989); Hadamard's rows as
 C. Bekas, E. Kokiopoulou, Y. Saad, Appl. Numer. Math. 57, 1214 (2007).
 """

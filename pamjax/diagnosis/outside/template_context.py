@@ -33,7 +33,7 @@ def build_template_context(
     )
     stiffness = next(name for name in _STIFFNESS_PARAMETERS if name in problem.names)
     return TemplateContext(
-        time=None if recording.time is None else recording.time - recording.time[0],
+        time=recording.time,
         pressure=recording.pressure,
         length=length,
         rest_length=problem.case.muscle_toml.rest_length.value,

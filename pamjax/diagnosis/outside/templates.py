@@ -53,7 +53,7 @@ class TemplateContext:
     """What a template may depend on, in n rows.
 
     Attributes:
-        time: (n,) time since the first sample, s; None without time.
+        time: (n,) time of each sample, s; None without time.
         pressure: (n,) Pa.
         length: (n,) m, as it was read: a fixed length is not averaged.
         rest_length: m.

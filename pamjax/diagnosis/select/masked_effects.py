@@ -5,7 +5,7 @@ of a large effect can mask a gain error of 1 %. Here the form error of one mecha
 the best candidate takes its place. Then all form errors are estimated again. The candidate stays if it is
 
 worthwhile    without that form error, which leaves more than noise, as a small effect (`search.py`)
-more likely   the likelihood with all form errors is significantly larger with it, as in `redundant.py`
+more likely   the likelihood with all form errors is significantly larger, see `redundant_mechanisms.py`
 complete      the residual is then only noise
 
 A wrong mechanism rarely passes. It fits the difference between an effect and its textbook equation only

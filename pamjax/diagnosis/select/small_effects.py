@@ -5,8 +5,8 @@ samples it would bias stated values and further mechanisms. Therefore the sample
 misfit of the model (`misfit_weighting.py`). Then further mechanisms are added if they are:
 
 significant   beyond what the effective number of independent samples shows by chance, over all candidates
-substantial   at least a fifth of the remaining misfit and a tenth of the initial one
-joint         together they explain two thirds of the initial misfit, the baseline parameters are consistent
+substantial   large enough a share of the remaining misfit and of the initial one
+joint         together they explain most of the initial misfit, the baseline parameters are consistent
               with their priors, and no amplitude is at an extreme limit; otherwise all are dropped. They are
               also dropped if a part of the misfit stays unexplained (`run.py`).
 

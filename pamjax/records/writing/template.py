@@ -73,8 +73,8 @@ modulus = {value = "70 GPa", sd = "15 GPa"}
 # modulus = {value = "1 MPa", sd = "0.5 MPa"}
 
 [sensors]
-# Noise of one sample, one standard deviation: the scatter of a reading while nothing moves. If you omit an
-# entry, pamjax estimates the noise.
+# Noise of one sample, one standard deviation: the scatter of a reading while nothing moves. If you omit force
+# or diameter, pamjax estimates its noise. If you omit pressure or length, it counts as exact.
 force = "2 N"
 pressure = "0.5 kPa"
 diameter = "0.05 mm"

@@ -266,8 +266,8 @@ def _list_assumptions(diagnosis: Diagnosis) -> Iterator[str]:
         if diagnosis.held_out_errors.held_out_rows.any()
         else "No block was held out. All rows were used to select the mechanisms and to fit the parameters."
     )
-    empty_rows = int(problem.n - np.isfinite(problem.measured).any(axis=0).sum())
-    yield f"The recording has {problem.n} rows. {empty_rows} of them have neither force nor diameter."
+    unused_rows = int(problem.n - np.isfinite(problem.measured).any(axis=0).sum())
+    yield f"The recording has {problem.n} rows. {unused_rows} of them are not compared with the model."
 
 
 def _list_settings(diagnosis: Diagnosis) -> Iterator[list[str]]:

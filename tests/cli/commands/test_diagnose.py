@@ -89,3 +89,15 @@ def test_invalid_cases_are_reported_and_the_others_are_diagnosed(bench, tmp_path
     assert f"pamjax: {result.problem.case.folder}: a diagnosis needs more rows" in printed.err
     assert (out / "bench" / "diagnosis.json").exists()
     assert "bench" in printed.out
+
+
+def test_an_unreadable_case_is_reported_once(bench, tmp_path, monkeypatch, capsys):
+    result = diagnosis()
+    monkeypatch.setattr(
+        "pamjax.diagnosis.batch.diagnose_all", lambda *_, **__: [(result.problem.case, result)]
+    )
+    folders, out = [str(tmp_path / "none"), str(bench / "made")], str(tmp_path / "out")
+    assert main(["diagnose", *folders, "--out", out, "--no-report", "--no-beside"]) == 2
+    errors = capsys.readouterr().err
+    assert errors.count("a case must be a folder") == 1
+    assert "1 of 2 cases not diagnosed: see the messages above" in errors

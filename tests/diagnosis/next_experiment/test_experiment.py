@@ -149,4 +149,6 @@ def test_protocol_that_alone_separates_a_tie_is_recommended():
     # In the same program: an offset and a dead band, which a vented muscle separates immediately.
     best = choose_experiment(tied("pressure_offset", "contact_pressure"), DEFAULT_SETTINGS)
     assert (best.id, best.power) == ("X1", pytest.approx(1.0, abs=0.01))
+    # Reports write it within a sentence.
+    assert best.protocol.endswith("min)")
     assert best.minutes < 5
