@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from pamjax.errors import BadInput, suggest_word
+from pamjax.units import compute_si_factor
 
 # Fits subtract forces of some kN with errors below 1 N: single precision is not sufficient.
 jax.config.update("jax_enable_x64", True)
@@ -122,3 +123,9 @@ def replace_values(model: ModelType, new_values: Mapping[str, Any]) -> ModelType
     return eqx.tree_at(
         lambda m: [list_values(m)[n] for n in names], model, [convert_scalar(new_values[n]) for n in names]
     )
+
+
+def get_display_unit(meaning: Meaning) -> tuple[float, str]:
+    """Return the display unit in SI and its name; "1" for a pure number."""
+    unit = "1" if meaning.unit == "1" else meaning.show
+    return compute_si_factor(unit), unit

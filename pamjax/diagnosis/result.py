@@ -26,23 +26,14 @@ from pamjax.diagnosis.saved_model import build_model_document
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.drawing import DrawableResult
-from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.form_errors.parts import FormErrorPart
 from pamjax.model.registry import find_mechanism
 from pamjax.notebook import NotebookText
-from pamjax.parameter import Meaning
+from pamjax.parameter import Meaning, get_display_unit
 from pamjax.records.blocks import Blocks
 from pamjax.records.files import write_atomically
-from pamjax.units import compute_si_factor
 
 _DIAGNOSIS_SCHEMA = "pamjax.diagnosis/1"
-
-
-#: Largest number of lines of the summary on the screen.
-MAX_SUMMARY_LINES = 25
-
-#: Largest number of notes in the summary.
-_MAX_SUMMARY_NOTES = 3
 
 
 @dataclass(frozen=True)
@@ -199,7 +190,9 @@ class Diagnosis(DrawableResult, NotebookText):
         return pd.DataFrame(columns)
 
     def __str__(self) -> str:
-        return "\n".join(_format_lines(self)[:MAX_SUMMARY_LINES])
+        from pamjax.diagnosis.summary import format_summary
+
+        return format_summary(self)
 
 
 def save_diagnosis(diagnosis: Diagnosis, folder: Path) -> list[Path]:
@@ -235,14 +228,8 @@ def build_parameter_estimate(problem: LibraryProblem, fit: CandidateFit, index: 
     return ParameterEstimate(value, fit.sd(index), meaning, index in at_limit and not is_neutral)
 
 
-def _get_display_unit(meaning: Meaning) -> tuple[float, str]:
-    """Return the display unit in SI and its name; "1" for a pure number."""
-    unit = "1" if meaning.unit == "1" else meaning.show
-    return compute_si_factor(unit), unit
-
-
 def _serialise_estimate(estimate: ParameterEstimate) -> dict[str, Any]:
-    scale, unit = _get_display_unit(estimate.meaning)
+    scale, unit = get_display_unit(estimate.meaning)
     return {"value": estimate.value / scale, "sd": _replace_non_finite(estimate.sd / scale), "unit": unit}
 
 
@@ -269,9 +256,8 @@ def _serialise_noise(diagnosis: Diagnosis) -> dict[str, Any]:
         channel_noise, rows = diagnosis.model.noise.channels[c], diagnosis.model.noise.rows[c]
         if channel_noise is None:
             continue
-        sd = float(np.sqrt(np.mean(channel_noise.sd[rows] ** 2)))
         out[channel] = {
-            "sd": to_display(channel, sd),
+            "sd": to_display(channel, diagnosis.model.noise.compute_rms_sd(c)),
             "unit": DISPLAY_UNIT[channel],
             "correlation_time_s": _compute_correlation_time(
                 diagnosis.problem, rows, channel_noise.correlation
@@ -325,78 +311,10 @@ def _serialise_held_out_errors(errors: HeldOutErrors) -> dict[str, Any]:
 
 
 def _serialise_shift(shift: ParameterShift) -> dict[str, Any]:
-    scale, unit = _get_display_unit(shift.meaning)
+    scale, unit = get_display_unit(shift.meaning)
     return {
         "before": shift.baseline_value / scale,
         "after": shift.model_value / scale,
         "unit": unit,
         "shift_in_sd": shift.shift_in_sd,
     }
-
-
-def _format_lines(diagnosis: Diagnosis) -> list[str]:
-    case, errors = diagnosis.problem.case, diagnosis.held_out_errors
-    lines = [f"{case.name}: {case.muscle_toml.name}, {diagnosis.problem.law} baseline"]
-    p = diagnosis.mismatch.p_value
-    if not diagnosis.is_detected:
-        lines.append(f"  no systematic misfit detected (p = {p:.2g})")
-    else:
-        lines.append(f"  systematic misfit of the baseline (p {'< 1e-12' if p < 1e-12 else f'= {p:.1g}'})")
-        lines += [
-            f"    {box.description} ({box.share:.0%} of the misfit)" for box in diagnosis.mismatch_boxes[:3]
-        ]
-    for mechanism in diagnosis.named_mechanisms:
-        title = find_mechanism(mechanism.id).about.title
-        estimates = list(diagnosis.parameters[mechanism.id].items())[:3]
-        form = mechanism.form_error
-        form_error = f", form error {form:.0%}" if form is not None and form >= 0.01 else ""
-        lines.append(f"  {mechanism.id}: {title}, probability {mechanism.probability:.2f}{form_error}")
-        lines.append("    " + ", ".join(format_named_estimate(n, v) for n, v in estimates))
-        if mechanism.indistinguishable:
-            alternatives = " and ".join(mechanism.indistinguishable)
-            lines.append(f"    this recording does not distinguish it from {alternatives}")
-    if diagnosis.is_faint:
-        rms = math.sqrt(max(diagnosis.mismatch.mean_square - 1, 0.0))
-        lines.append(f"  too small to identify a mechanism: the rms is {rms:.2f} of the noise")
-    if diagnosis.unexplained:
-        likeness = diagnosis.likenesses[0].description if diagnosis.likenesses else ""
-        lines.append(
-            f"  unexplained: {diagnosis.residual_share:.0%} of the misfit; no mechanism of the library"
-            f" explains it{f'; like {likeness}' if likeness else ''}"
-        )
-        lines += [f"    {box.description}" for box in diagnosis.residual_boxes[:2]]
-    for channel in errors.baseline_rmse:
-        baseline_rmse, model_rmse = (
-            to_display(channel, rmse[channel]) for rmse in (errors.baseline_rmse, errors.model_rmse)
-        )
-        noise = f"noise {_serialise_noise(diagnosis)[channel]['sd']:.3g}"
-        change = f"{baseline_rmse:.3g} -> {model_rmse:.3g} {DISPLAY_UNIT[channel]}"
-        if not diagnosis.named_mechanisms:
-            change = f"{baseline_rmse:.3g} {DISPLAY_UNIT[channel]} by the baseline"
-        lines.append(
-            f"  held-out rmse ({errors.block_description.split(':')[0]}): {channel} {change}, {noise}"
-        )
-    if diagnosis.named_mechanisms and not errors.baseline_rmse:
-        lines.append(
-            "  no block was held out (too few blocks): no independent rows confirm these mechanisms."
-            " Record at least three pressures."
-        )
-    shifts = sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift_in_sd))
-    for name, shift in shifts[:2]:
-        scale, unit = _get_display_unit(shift.meaning)
-        if diagnosis.named_mechanisms and abs(shift.shift_in_sd) > 1:
-            unit = "" if unit == "1" else f" {unit}"
-            baseline_value, model_value = shift.baseline_value / scale, shift.model_value / scale
-            lines.append(f"  {name} changes from {baseline_value:.4g} to {model_value:.4g}{unit}")
-    lines += [
-        f"  next experiment: {experiment.protocol} (power {experiment.power:.2f})"
-        for experiment in diagnosis.experiments[:2]
-    ]
-    return lines + [f"  note: {note}" for note in diagnosis.notes[:_MAX_SUMMARY_NOTES]]
-
-
-def format_named_estimate(name: str, estimate: ParameterEstimate) -> str:
-    """Return an estimate as text, as "coefficient 0.210 ± 0.012"."""
-    limit = ", at its limit" if estimate.at_limit else ""
-    unit = _get_display_unit(estimate.meaning)[1]
-    return f"{name} {format_estimate(estimate.value, estimate.sd, unit)}{limit}"

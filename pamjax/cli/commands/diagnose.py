@@ -125,7 +125,7 @@ def _name_case(folder: Path, error: BadInput) -> BadInput:
 
 def _format_summary(diagnosis: Diagnosis, comparison: ModelComparison | None) -> str:
     """Return the summary with the comparison, within the line limit of a summary."""
-    from pamjax.diagnosis.result import MAX_SUMMARY_LINES
+    from pamjax.diagnosis.summary import MAX_SUMMARY_LINES
 
     comparison_lines = str(comparison).splitlines() if comparison else []
     return "\n".join(

@@ -134,7 +134,7 @@ class BlockCrossValidation:
 
     @cached_property
     def predicted_fraction_by_mechanism(self) -> dict[str, float]:
-        """Return by id the fraction of a mechanism's effect on χ² that it has in left-out blocks , 0 to 1."""
+        """Return by id the fraction of a mechanism's effect on χ² that left-out blocks confirm, 0 to 1."""
         return {
             candidate.id: self._compute_predicted_fraction(candidate) for candidate in self.fit.mechanisms
         }

@@ -51,12 +51,9 @@ def cross_validate_selection(
     cross_validation = BlockCrossValidation.from_blocks(
         problem, blocks, training_rows, add_form_errors(problem, selection.model)
     )
-    fractions, limit = (
-        cross_validation.predicted_fraction_by_mechanism,
-        problem.settings.established_probability,
-    )
+    fractions = cross_validation.predicted_fraction_by_mechanism
     weighted = [replace(m, probability=m.probability * fractions[m.id]) for m in selection.named_mechanisms]
-    remaining = [m for m in weighted if m.probability >= limit]
+    remaining = [m for m in weighted if m.probability >= problem.settings.established_probability]
     return (
         restrict_selection(problem, training_rows, selection, remaining),
         not cross_validation.fails_out_of_sample,

@@ -57,8 +57,10 @@ class SimulatedTestbed:
         recording, sensors = problem.case.recording, problem.case.muscle_toml.sensors
         step, end_time, duration = _read_clock(recording)
         channels = fit.noise.channels
-        observed_sd = [CAMERA_SD_M if c is None else float(np.sqrt(np.mean(c.sd[r] ** 2))) for c, r in
-                zip(channels, fit.noise.rows, strict=True)]  # fmt: skip
+        observed_sd = [
+            CAMERA_SD_M if channel is None else fit.noise.compute_rms_sd(c)
+            for c, channel in enumerate(channels)
+        ]
         stated_sd = estimate_starting_sd(problem.case)
         sensor_sd = (
             observed_sd[0] if sensors.force is None else stated_sd[0],

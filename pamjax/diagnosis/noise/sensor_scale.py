@@ -14,7 +14,6 @@ import numpy as np
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.estimate import estimate_noise
-from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.problem.dataset import get_stated_sds
 
 
@@ -32,7 +31,7 @@ def compute_noise_ratios(problem: LibraryProblem, values: np.ndarray) -> dict[st
     return {
         channel: None
         if stated is None
-        else _compute_rms_sd(estimated_noise, c) / _compute_rms_sd(stated_noise, c)
+        else estimated_noise.compute_rms_sd(c) / stated_noise.compute_rms_sd(c)
         for c, (channel, stated) in enumerate(
             zip(problem.channels, get_stated_sds(problem.case), strict=True)
         )
@@ -53,9 +52,3 @@ def format_noise_notes(ratios: dict[str, float | None], limit: float) -> list[st
         for channel, ratio in ratios.items()
         if ratio is not None and not 1 / limit < ratio < limit
     ]
-
-
-def _compute_rms_sd(noise: NoiseModel, c: int) -> float:
-    channel = noise.channels[c]
-    assert channel is not None
-    return float(np.sqrt(np.mean(channel.sd[noise.rows[c]] ** 2)))

@@ -44,6 +44,11 @@ class NoiseModel:
                 out += 2 * sum(channel.sum_log_sd(int(last - first)) for first, last in runs)
         return out
 
+    def compute_rms_sd(self, c: int) -> float:
+        """Return the rms of the sds of a channel's samples, SI; infinite without measurements."""
+        channel = self.channels[c]
+        return math.inf if channel is None else float(np.sqrt(np.mean(channel.sd[self.rows[c]] ** 2)))
+
     def restrict_to_rows(self, mask: np.ndarray) -> NoiseModel:
         """Return the same noise model for the rows of a mask, (n,), only."""
         rows = tuple(channel_rows[mask[channel_rows]] for channel_rows in self.rows)

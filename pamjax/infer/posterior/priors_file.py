@@ -29,18 +29,18 @@ def read_priors(path: Path) -> dict[str, dict[str, float]]:
         BadInput: if the file cannot be read, or has an unknown parameter or entry, or a wrong unit.
     """
     document = parse_toml(read_bytes(path), path.name)
-    return {name: _parse_prior(name, muscle_toml, path.name) for name, muscle_toml in document.items()}
+    return {name: _parse_prior(name, entries, path.name) for name, entries in document.items()}
 
 
-def _parse_prior(name: str, muscle_toml: Any, file: str) -> dict[str, float]:
-    if not isinstance(muscle_toml, dict) or any(isinstance(v, dict) for v in muscle_toml.values()):
+def _parse_prior(name: str, entries: Any, file: str) -> dict[str, float]:
+    if not isinstance(entries, dict) or any(isinstance(v, dict) for v in entries.values()):
         remedy = f'Write ["{name}...."] with the quotes, then value and sd.'
         raise BadInput.from_rule(
             "a prior is a table with the name of its parameter in quotes", f"{name}", file, remedy
         )
     meaning = _find_meaning(name)
     prior = {}
-    for key, text in muscle_toml.items():
+    for key, text in entries.items():
         if key not in _PRIOR_KEYS:
             raise BadInput.from_rule(
                 f"a prior has no entry {key!r}", f"[{name}]", file, suggest_word(key, _PRIOR_KEYS)

@@ -19,7 +19,7 @@ from pamjax.diagnosis.settings import describe_settings
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.form_errors.parts import MIN_SHOWN_EFFECT
 from pamjax.model.registry import find_mechanism
-from pamjax.parameter import Meaning
+from pamjax.parameter import Meaning, get_display_unit
 from pamjax.text import join_words
 from pamjax.units import compute_si_factor, format_quantity
 from pamjax.view.figures import diagnosis as figures
@@ -154,7 +154,7 @@ def _format_form_error(diagnosis: Diagnosis, id: str) -> str:
     sizes = [
         [format_channel_value(float(rms[c]), channel) for rms in (part.effect_rms, part.form_rms)]
         for c, channel in enumerate(diagnosis.problem.channels)
-        if part.effect_rms[c] > MIN_SHOWN_EFFECT * _get_noise_sd(diagnosis, c)
+        if part.effect_rms[c] > MIN_SHOWN_EFFECT * diagnosis.model.noise.compute_rms_sd(c)
     ]
     if not sizes:
         return ""
@@ -165,13 +165,8 @@ def _format_form_error(diagnosis: Diagnosis, id: str) -> str:
     return f"{sentence} Form error: {form} rms (φ = {format_percent(part.ratio)} of the textbook part)."
 
 
-def _get_noise_sd(diagnosis: Diagnosis, c: int) -> float:
-    noise, rows = diagnosis.model.noise.channels[c], diagnosis.model.noise.rows[c]
-    return math.inf if noise is None else float(np.sqrt(np.mean(noise.sd[rows] ** 2)))
-
-
 def _format_quantity(value: float, sd: float | None, meaning: Meaning) -> str:
-    return format_estimate(value, sd, "1" if meaning.unit == "1" else meaning.show)
+    return format_estimate(value, sd, get_display_unit(meaning)[1])
 
 
 def _list_scores(diagnosis: Diagnosis, document: dict[str, Any]) -> Iterator[list[str]]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.diagnosis.result import Diagnosis, format_named_estimate
+from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.selection import NamedMechanism
+from pamjax.diagnosis.summary import format_named_estimate
 from pamjax.model.registry import find_mechanism
 from pamjax.text import join_words
 from pamjax.view.wording import keep_units_with_numbers

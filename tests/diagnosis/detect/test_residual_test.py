@@ -52,4 +52,6 @@ def test_a_large_residual_is_unexplained_with_and_without_stated_noise(is_stated
     assert is_residual_significant(baseline_test, residual_test, DEFAULT_SETTINGS)
     # The sentences state from which model the measurement deviates.
     assert all("the baseline" in box.description for box in locate_residual(problem, baseline))
-    assert all("the model with the named mechanisms" in box.description for box in locate_residual(problem, model))
+    assert all(
+        "the model with the named mechanisms" in box.description for box in locate_residual(problem, model)
+    )

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.result import ParameterEstimate, format_named_estimate
+from pamjax.diagnosis.result import ParameterEstimate
 from pamjax.diagnosis.settings import DiagnosisSettings, describe_settings
+from pamjax.diagnosis.summary import format_named_estimate
 from pamjax.model.parameters import find_meaning
 from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.view.figures.diagnosis import plot_shifts

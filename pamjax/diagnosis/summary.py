@@ -1,0 +1,110 @@
+"""Summary of a diagnosis on the screen: one group of lines for each of its answers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.infer.fitting.report import format_estimate
+from pamjax.model.registry import find_mechanism
+from pamjax.parameter import get_display_unit
+
+if TYPE_CHECKING:
+    from pamjax.diagnosis.result import Diagnosis, ParameterEstimate
+    from pamjax.diagnosis.select.selection import NamedMechanism
+
+#: Largest number of lines of the summary.
+MAX_SUMMARY_LINES = 25
+
+#: Largest number of notes in the summary.
+_MAX_SUMMARY_NOTES = 3
+
+
+def format_summary(diagnosis: Diagnosis) -> str:
+    """Return the summary: misfit, mechanisms, unexplained part, held-out error, next experiment, notes."""
+    lines = [
+        f"{diagnosis.problem.case.name}: {diagnosis.problem.case.muscle_toml.name},"
+        f" {diagnosis.problem.law} baseline",
+        *_format_misfit(diagnosis),
+        *(line for m in diagnosis.named_mechanisms for line in _format_mechanism(diagnosis, m)),
+        *_format_unexplained_part(diagnosis),
+        *_format_held_out_errors(diagnosis),
+        *_format_parameter_shifts(diagnosis),
+        *(f"  next experiment: {e.protocol} (power {e.power:.2f})" for e in diagnosis.experiments[:2]),
+        *(f"  note: {note}" for note in diagnosis.notes[:_MAX_SUMMARY_NOTES]),
+    ]
+    return "\n".join(lines[:MAX_SUMMARY_LINES])
+
+
+def _format_misfit(diagnosis: Diagnosis) -> Iterator[str]:
+    p = diagnosis.mismatch.p_value
+    if not diagnosis.is_detected:
+        yield f"  no systematic misfit detected (p = {p:.2g})"
+        return
+    yield f"  systematic misfit of the baseline (p {'< 1e-12' if p < 1e-12 else f'= {p:.1g}'})"
+    for box in diagnosis.mismatch_boxes[:3]:
+        yield f"    {box.description} ({box.share:.0%} of the misfit)"
+
+
+def _format_mechanism(diagnosis: Diagnosis, mechanism: NamedMechanism) -> Iterator[str]:
+    title, form = find_mechanism(mechanism.id).about.title, mechanism.form_error
+    form_error = f", form error {form:.0%}" if form is not None and form >= 0.01 else ""
+    yield f"  {mechanism.id}: {title}, probability {mechanism.probability:.2f}{form_error}"
+    estimates = list(diagnosis.parameters[mechanism.id].items())[:3]
+    yield "    " + ", ".join(format_named_estimate(name, estimate) for name, estimate in estimates)
+    if mechanism.indistinguishable:
+        alternatives = " and ".join(mechanism.indistinguishable)
+        yield f"    this recording does not distinguish it from {alternatives}"
+
+
+def _format_unexplained_part(diagnosis: Diagnosis) -> Iterator[str]:
+    if diagnosis.is_faint:
+        rms = math.sqrt(max(diagnosis.mismatch.mean_square - 1, 0.0))
+        yield f"  too small to identify a mechanism: the rms is {rms:.2f} of the noise"
+    if not diagnosis.unexplained:
+        return
+    likeness = f"; like {diagnosis.likenesses[0].description}" if diagnosis.likenesses else ""
+    yield (
+        f"  unexplained: {diagnosis.residual_share:.0%} of the misfit; no mechanism of the library"
+        f" explains it{likeness}"
+    )
+    for box in diagnosis.residual_boxes[:2]:
+        yield f"    {box.description}"
+
+
+def _format_held_out_errors(diagnosis: Diagnosis) -> Iterator[str]:
+    errors, channels = diagnosis.held_out_errors, diagnosis.problem.channels
+    for channel in errors.baseline_rmse:
+        baseline_rmse, model_rmse = (
+            to_display(channel, rmse[channel]) for rmse in (errors.baseline_rmse, errors.model_rmse)
+        )
+        change = f"{baseline_rmse:.3g} -> {model_rmse:.3g} {DISPLAY_UNIT[channel]}"
+        if not diagnosis.named_mechanisms:
+            change = f"{baseline_rmse:.3g} {DISPLAY_UNIT[channel]} by the baseline"
+        noise = to_display(channel, diagnosis.model.noise.compute_rms_sd(channels.index(channel)))
+        blocks = errors.block_description.split(":")[0]
+        yield f"  held-out rmse ({blocks}): {channel} {change}, noise {noise:.3g}"
+    if diagnosis.named_mechanisms and not errors.baseline_rmse:
+        yield (
+            "  no block was held out (too few blocks): no independent rows confirm these mechanisms."
+            " Record at least three pressures."
+        )
+
+
+def _format_parameter_shifts(diagnosis: Diagnosis) -> Iterator[str]:
+    shifts = sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift_in_sd))
+    for name, shift in shifts[:2]:
+        if diagnosis.named_mechanisms and abs(shift.shift_in_sd) > 1:
+            scale, unit = get_display_unit(shift.meaning)
+            unit = "" if unit == "1" else f" {unit}"
+            baseline_value, model_value = shift.baseline_value / scale, shift.model_value / scale
+            yield f"  {name} changes from {baseline_value:.4g} to {model_value:.4g}{unit}"
+
+
+def format_named_estimate(name: str, estimate: ParameterEstimate) -> str:
+    """Return an estimate as text, as "coefficient 0.210 ± 0.012"."""
+    limit = ", at its limit" if estimate.at_limit else ""
+    unit = get_display_unit(estimate.meaning)[1]
+    return f"{name} {format_estimate(estimate.value, estimate.sd, unit)}{limit}"
