@@ -25,8 +25,8 @@ from pamjax.baselines.gaussian_process import build_inputs, predict_discrepancy
 from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.crossval.held_out_errors import compute_rmse
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import fit_candidate
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
+from pamjax.diagnosis.refit.model_fit import fit_model
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.errors import BadInput
 from pamjax.infer.problem.dataset import CHANNELS
@@ -205,7 +205,7 @@ def find_extrapolation_rows(problem: LibraryProblem) -> tuple[np.ndarray, str]:
 def _predict_without_rows(diagnosis: Diagnosis, held_out_rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the predictions of the baseline and of the selected model, refitted without some rows."""
     problem = diagnosis.problem
-    baseline = fit_candidate(problem, ~held_out_rows, (), diagnosis.baseline.estimate.values)
+    baseline = fit_model(problem, ~held_out_rows, (), diagnosis.baseline.estimate.values)
     prediction = problem.predict(baseline.estimate.values)
     if not diagnosis.named_mechanisms:
         return prediction, prediction

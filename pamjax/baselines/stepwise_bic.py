@@ -23,8 +23,8 @@ from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_dir
 from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.estimate import estimate_noise
-from pamjax.diagnosis.refit.candidate_fit import switch_on_candidate
 from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
+from pamjax.diagnosis.refit.model_fit import switch_on_candidate
 from pamjax.diagnosis.select.neighbour_fits import shortlist_candidates
 from pamjax.infer.noise.noise_model import NoiseModel
 

@@ -17,7 +17,7 @@ from pamjax.benchmark.other_forms.case_files import build_bank_case
 from pamjax.benchmark.other_forms.draw import BANK_KINDS, BankRecording, draw_bank_recording
 from pamjax.benchmark.trial import RecoveredParameter, Trial, TrialTask, diagnose_trial
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate, switch_off_candidate
+from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model, switch_off_candidate
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.records.blocks import find_blocks
 
@@ -112,20 +112,20 @@ def _compute_held_out_ratios(diagnosis: Diagnosis) -> tuple[float, ...]:
     if not held_out.any() or not names:
         return ()
     mechanisms = tuple(m for m in diagnosis.model.mechanisms if m.id in names)
-    full = fit_candidate(problem, ~held_out, mechanisms, diagnosis.model.estimate.values)
+    full = fit_model(problem, ~held_out, mechanisms, diagnosis.model.estimate.values)
     error, out = _compute_held_out_error(problem, full, full, held_out), []
     for name in diagnosis.named_mechanisms:
         others = tuple(m for m in mechanisms if m.id != name.id)
         values = full.estimate.values
         for candidate in (m for m in mechanisms if m.id == name.id):
             values = switch_off_candidate(problem, values, candidate)
-        without = fit_candidate(problem, ~held_out, others, values)
+        without = fit_model(problem, ~held_out, others, values)
         out.append(error / max(_compute_held_out_error(problem, without, full, held_out), 1e-12))
     return tuple(out)
 
 
 def _compute_held_out_error(
-    problem: LibraryProblem, fit: CandidateFit, reference: CandidateFit, rows: np.ndarray
+    problem: LibraryProblem, fit: ModelFit, reference: ModelFit, rows: np.ndarray
 ) -> float:
     """Return the rms of a fit over some rows in the noise sd of a reference fit."""
     misfit = problem.measured - problem.predict(fit.estimate.values)

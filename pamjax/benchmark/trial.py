@@ -21,7 +21,7 @@ from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.residual_test import run_baseline_test
 from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.library.library_problem import build_library_problem
-from pamjax.diagnosis.refit.candidate_fit import fit_candidate
+from pamjax.diagnosis.refit.model_fit import fit_model
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.run import diagnose
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
@@ -268,7 +268,7 @@ def score_recording(case: Case, seed: int = 0) -> Significance:
     """Return the significance of the baseline's misfit, without a selection of mechanisms."""
     problem = build_library_problem(case)
     training_rows = ~select_held_out_rows(find_blocks(case.recording))
-    baseline = fit_candidate(problem, training_rows, (), problem.neutral)
+    baseline = fit_model(problem, training_rows, (), problem.neutral)
     return run_baseline_test(problem, baseline, seed)
 
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.fitting.determination import compute_prior_scale
 from pamjax.infer.fitting.identifiability import (
     find_undetermined_combinations,
@@ -21,7 +21,7 @@ from pamjax.model.parameters import find_meaning
 from pamjax.text import join_words
 
 
-def format_notes(problem: LibraryProblem, baseline: CandidateFit, fit: CandidateFit) -> list[str]:
+def format_notes(problem: LibraryProblem, baseline: ModelFit, fit: ModelFit) -> list[str]:
     """Return all notes: parameters at their limits first.
 
     Args:
@@ -36,7 +36,7 @@ def format_notes(problem: LibraryProblem, baseline: CandidateFit, fit: Candidate
     ]
 
 
-def format_parameters_at_limit(problem: LibraryProblem, fit: CandidateFit) -> list[str]:
+def format_parameters_at_limit(problem: LibraryProblem, fit: ModelFit) -> list[str]:
     """Return a note on the baseline's parameters that are at their limits, if there are any.
 
     Args:
@@ -71,7 +71,7 @@ def format_untestable_mechanisms(problem: LibraryProblem) -> list[str]:
     ]
 
 
-def format_unidentified_combinations(problem: LibraryProblem, baseline: CandidateFit) -> list[str]:
+def format_unidentified_combinations(problem: LibraryProblem, baseline: ModelFit) -> list[str]:
     """Return one note for each combination of the baseline's parameters that the data do not determine.
 
     Args:

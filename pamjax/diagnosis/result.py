@@ -20,8 +20,8 @@ from pamjax.diagnosis.form_errors.prediction import FormPrediction
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.experiment import Experiment
 from pamjax.diagnosis.outside.rival_templates import Likeness
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.saved_model import build_model_document
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DiagnosisSettings
@@ -91,8 +91,8 @@ class Diagnosis(DrawableResult, NotebookText):
 
     problem: LibraryProblem
     selection: Selection
-    model: CandidateFit
-    baseline: CandidateFit
+    model: ModelFit
+    baseline: ModelFit
     mismatch: Significance
     mismatch_boxes: list[Box]
     residual_test: Significance
@@ -219,7 +219,7 @@ def get_baseline_estimates(diagnosis: Diagnosis) -> dict[str, ParameterEstimate]
     }
 
 
-def build_parameter_estimate(problem: LibraryProblem, fit: CandidateFit, index: int) -> ParameterEstimate:
+def build_parameter_estimate(problem: LibraryProblem, fit: ModelFit, index: int) -> ParameterEstimate:
     """Return the estimate of a parameter, and whether it is at a limit that is not its neutral value."""
     value, meaning = float(fit.estimate.values[index]), problem.meanings[index]
     at_limit = {fit.estimate.free[j] for j in find_parameters_at_limit(problem, fit.estimate)}
@@ -241,7 +241,7 @@ def _serialise_channel_value(channel: str, value: float) -> dict[str, Any]:
     return {"value": to_display(channel, value), "unit": DISPLAY_UNIT[channel]}
 
 
-def _compute_channel_rmse(problem: LibraryProblem, fit: CandidateFit) -> dict[str, float]:
+def _compute_channel_rmse(problem: LibraryProblem, fit: ModelFit) -> dict[str, float]:
     misfit = problem.measured - problem.predict(fit.estimate.values)
     return {
         channel: float(np.sqrt(np.nanmean(misfit[c] ** 2)))

@@ -30,9 +30,9 @@ from pamjax.diagnosis.notes import format_notes
 from pamjax.diagnosis.outside.rival_templates import list_likenesses
 from pamjax.diagnosis.outside.template_context import build_template_context
 from pamjax.diagnosis.outside.templates import Template, build_templates
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
 from pamjax.diagnosis.refit.least_squares import evaluate_estimate
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
+from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
 from pamjax.diagnosis.result import (
     Diagnosis,
@@ -72,7 +72,7 @@ class _Training:
     problem: LibraryProblem
     rows: np.ndarray
     blocks: Blocks
-    baseline: CandidateFit
+    baseline: ModelFit
     mismatch: Significance
     seed: int
 
@@ -111,8 +111,8 @@ class _FinalFit:
     """
 
     selection: Selection
-    baseline: CandidateFit
-    model: CandidateFit
+    baseline: ModelFit
+    model: ModelFit
     form_errors: dict[str, FormErrorPart]
 
 
@@ -211,7 +211,7 @@ def _test_baseline(
     problem: LibraryProblem, blocks: Blocks, training_rows: np.ndarray, seed: int
 ) -> _Training:
     """Return the fit of the baseline to the training rows, and the test of its residual."""
-    baseline = fit_candidate(problem, training_rows, (), problem.neutral)
+    baseline = fit_model(problem, training_rows, (), problem.neutral)
     mismatch = run_baseline_test(problem, baseline, seed)
     return _Training(problem, training_rows, blocks, baseline, mismatch, seed)
 
@@ -281,7 +281,7 @@ def _fit_all_rows(problem: LibraryProblem, selection: Selection) -> _FinalFit:
     """Return the baseline and the model with the selected mechanisms, refitted to all rows."""
     all_rows = np.ones(problem.n, dtype=bool)
     # The reported baseline is that of `fit`, which takes the noise as stated.
-    baseline = fit_candidate(problem, all_rows, (), selection.baseline.estimate.values, max_noise_ratio=1.0)
+    baseline = fit_model(problem, all_rows, (), selection.baseline.estimate.values, max_noise_ratio=1.0)
     if not selection.named_mechanisms:
         return _FinalFit(selection, baseline, baseline, {})
     model = fit_noise_correlation(problem, _fit_selection(problem, selection, all_rows))
@@ -301,7 +301,7 @@ def _list_selection_notes(
     ]
 
 
-def _fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarray) -> CandidateFit:
+def _fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarray) -> ModelFit:
     """Return the selected model, refitted to some rows; a baseline without mechanisms is unchanged."""
     fit = selection.model
     return (
@@ -320,7 +320,7 @@ def _add_form_error_ratios(selection: Selection, parts: dict[str, FormErrorPart]
     return replace(selection, named_mechanisms=mechanisms)
 
 
-def _compute_residual_share(problem: LibraryProblem, baseline: CandidateFit, model: CandidateFit) -> float:
+def _compute_residual_share(problem: LibraryProblem, baseline: ModelFit, model: ModelFit) -> float:
     """Return the share of the baseline's excess χ² that the model leaves, both with the baseline's noise."""
     baseline_excess, model_excess = (
         evaluate_estimate(problem, baseline.noise, fit.estimate.free, fit.estimate.values).chi2
@@ -331,7 +331,7 @@ def _compute_residual_share(problem: LibraryProblem, baseline: CandidateFit, mod
 
 
 def _collect_mechanism_estimates(
-    problem: LibraryProblem, fit: CandidateFit
+    problem: LibraryProblem, fit: ModelFit
 ) -> dict[str, dict[str, ParameterEstimate]]:
     return {
         candidate.id: {
@@ -343,7 +343,7 @@ def _collect_mechanism_estimates(
 
 
 def _compute_parameter_shifts(
-    problem: LibraryProblem, baseline: CandidateFit, fit: CandidateFit
+    problem: LibraryProblem, baseline: ModelFit, fit: ModelFit
 ) -> dict[str, ParameterShift]:
     shifts = {}
     for k in baseline.estimate.free:

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER, LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.fitting.io import FIT_SCHEMA
 from pamjax.model.parameters import find_meaning
 from pamjax.units import compute_si_factor
 
 
-def build_model_document(problem: LibraryProblem, fit: CandidateFit) -> dict[str, Any]:
+def build_model_document(problem: LibraryProblem, fit: ModelFit) -> dict[str, Any]:
     """Return the selected model as a document in the schema of fit.json.
 
     Args:
@@ -55,7 +55,7 @@ def build_model_document(problem: LibraryProblem, fit: CandidateFit) -> dict[str
     }
 
 
-def _serialise_covariance(problem: LibraryProblem, fit: CandidateFit) -> dict[str, Any]:
+def _serialise_covariance(problem: LibraryProblem, fit: ModelFit) -> dict[str, Any]:
     """Return the fitted parameters with standard deviations and correlations, as in fit.json."""
     estimate = fit.estimate
     names, values = [problem.names[k] for k in estimate.free], estimate.values[list(estimate.free)]

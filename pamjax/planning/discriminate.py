@@ -27,7 +27,7 @@ from pamjax.diagnosis.next_experiment.experiment import (
     fit_rival,
 )
 from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
+from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.errors import BadInput
 from pamjax.model.registry import find_mechanism
@@ -197,19 +197,19 @@ def discriminate(
     )
 
 
-def fit_baseline(library_problem: LibraryProblem) -> CandidateFit:
+def fit_baseline(library_problem: LibraryProblem) -> ModelFit:
     """Return the fit of the baseline model alone."""
-    return fit_candidate(library_problem, np.ones(library_problem.n, dtype=bool), (), library_problem.neutral)
+    return fit_model(library_problem, np.ones(library_problem.n, dtype=bool), (), library_problem.neutral)
 
 
-def fit_mechanism(library_problem: LibraryProblem, baseline: CandidateFit, id: str) -> CandidateFit:
+def fit_mechanism(library_problem: LibraryProblem, baseline: ModelFit, id: str) -> ModelFit:
     """Return the fit of the baseline model with one mechanism in its best form."""
     start_fit = fit_best_rival(
         library_problem,
         baseline,
         [candidate for candidate in build_candidates(library_problem) if candidate.id == id],
     )
-    return fit_candidate(
+    return fit_model(
         library_problem,
         np.ones(library_problem.n, dtype=bool),
         start_fit.mechanisms,

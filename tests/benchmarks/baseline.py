@@ -17,7 +17,7 @@ import numpy as np
 
 from pamjax.compile.jax_cache import keep_compiled
 from pamjax.diagnosis.library.library_problem import build_library_problem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
+from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.fitting.fit import fit
 from pamjax.infer.problem.priors import is_length_error
@@ -31,7 +31,7 @@ def compare_baselines(folder: Path) -> list[dict]:
     problem = build_library_problem(case)
     all_rows = np.ones(problem.n, dtype=bool)
     # As `diagnose` reports it: with the stated noise.
-    baseline = fit_candidate(problem, all_rows, (), problem.neutral, max_noise_ratio=1.0)
+    baseline = fit_model(problem, all_rows, (), problem.neutral, max_noise_ratio=1.0)
     estimates, lines = fit(case).estimates, []
     for k in baseline.estimate.free:
         name = problem.names[k]
@@ -51,7 +51,7 @@ def compare_baselines(folder: Path) -> list[dict]:
     return lines
 
 
-def _has_misfit(baseline: CandidateFit) -> bool:
+def _has_misfit(baseline: ModelFit) -> bool:
     return baseline.variance_inflation > DEFAULT_SETTINGS.min_misfit_mean_square
 
 

@@ -49,8 +49,8 @@ from pamjax.diagnosis.next_experiment.testbed import (
     get_direct_readings,
     linearise_difference,
 )
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.select.neighbour_fits import shortlist_candidates
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.noise_model import NoiseModel
@@ -112,7 +112,7 @@ class Joint:
             parts.append(second.whiten(values[..., n : n + more]))
         return np.concatenate([*parts, values[..., 0, n + more :] / self.within], axis=-1)
 
-    def refit(self, model: CandidateFit) -> MapEstimate:
+    def refit(self, model: ModelFit) -> MapEstimate:
         """Return a model refitted to all data, from its current parameters."""
         white = cast(NoiseModel, self)
         return fit_parameters(cast(LibraryProblem, self), white, model.estimate.free, model.estimate.values)
@@ -121,8 +121,8 @@ class Joint:
 def simulate_joint(
     stage: SimulatedTestbed,
     id: str,
-    a: CandidateFit,
-    b: CandidateFit,
+    a: ModelFit,
+    b: ModelFit,
     true: np.ndarray,
     rng: np.random.Generator,
 ) -> Joint:
@@ -139,7 +139,7 @@ def simulate_joint(
 
 
 def simulate_protocol(
-    stage: SimulatedTestbed, schedule: Schedule, a: CandidateFit, true, rng
+    stage: SimulatedTestbed, schedule: Schedule, a: ModelFit, true, rng
 ) -> tuple[LibraryProblem, NoiseModel]:
     """Return a simulated recording of the moved muscle, with noise of all four channels."""
     n, sensors = schedule.time.size, stage.problem.case.muscle_toml.sensors
@@ -161,7 +161,7 @@ def simulate_protocol(
     return problem, stage.build_noise(problem, a.estimate.values, is_measured)
 
 
-def draw_tie(seed: int) -> tuple[GroundTruth, LibraryProblem, CandidateFit, CandidateFit, int]:
+def draw_tie(seed: int) -> tuple[GroundTruth, LibraryProblem, ModelFit, ModelFit, int]:
     """Return a recording, its concealed mechanism, the best rival, and the number of rejected muscles."""
     for rejected_count in range(50):
         rng = np.random.default_rng([61, seed, rejected_count])
@@ -183,7 +183,7 @@ def draw_tie(seed: int) -> tuple[GroundTruth, LibraryProblem, CandidateFit, Cand
     raise RuntimeError(f"no tie in muscle {seed}")
 
 
-def _select_rivals(problem: LibraryProblem, baseline: CandidateFit, true: str) -> list[str]:
+def _select_rivals(problem: LibraryProblem, baseline: ModelFit, true: str) -> list[str]:
     """Return the mechanisms that fit a recording best in place of the true one, in the linear limit."""
     offered = [form for form in build_candidates(problem) if form.id != COSTLIEST_MECHANISM]
     directions = compute_score_directions(problem, baseline.noise, baseline.estimate, offered)

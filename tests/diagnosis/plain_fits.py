@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from pamjax.diagnosis.library.candidates import Candidate
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import MapEstimate
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 from pamjax.infer.noise.noise_model import NoiseModel
 
@@ -59,8 +59,8 @@ def build_fit(
     input_noise_chi2: float = 0.0,
     weight: float = 1.0,
     **estimate,
-) -> CandidateFit:
+) -> ModelFit:
     """Return a fit of n forces with white noise; see `build_estimate`."""
-    return CandidateFit(
+    return ModelFit(
         mechanisms, build_white_noise(n, weight), build_estimate(values, free, **estimate), input_noise_chi2
     )

@@ -27,12 +27,12 @@ import numpy as np
 from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import (
-    CandidateFit,
+from pamjax.diagnosis.refit.least_squares import MapEstimate, evaluate_estimate, fit_parameters
+from pamjax.diagnosis.refit.model_fit import (
+    ModelFit,
     get_free_indices,
     switch_off_candidate,
 )
-from pamjax.diagnosis.refit.least_squares import MapEstimate, evaluate_estimate, fit_parameters
 from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.records.blocks import Blocks
@@ -53,7 +53,7 @@ class BlockCrossValidation:
     """
 
     problem: LibraryProblem
-    fit: CandidateFit
+    fit: ModelFit
     noise_splits: list[tuple[NoiseModel, NoiseModel]]
     fixed_indices: list[set[int]]
     block_fits: list[_LeftOutBlock]
@@ -61,7 +61,7 @@ class BlockCrossValidation:
 
     @classmethod
     def from_blocks(
-        cls, problem: LibraryProblem, blocks: Blocks, training_rows: np.ndarray, fit: CandidateFit
+        cls, problem: LibraryProblem, blocks: Blocks, training_rows: np.ndarray, fit: ModelFit
     ) -> BlockCrossValidation:
         """Return the cross-validation of a fit on the blocks with measured samples in the training rows."""
         measured_rows = training_rows & np.isfinite(problem.measured).any(axis=0)
@@ -319,9 +319,7 @@ def _fit_without_blocks(
     return parallel_map(fit_without_block, list(zip(noise_splits, fixed_indices, strict=True)))
 
 
-def _find_uninformed_indices(
-    problem: LibraryProblem, fit: CandidateFit, training_noise: NoiseModel
-) -> set[int]:
+def _find_uninformed_indices(problem: LibraryProblem, fit: ModelFit, training_noise: NoiseModel) -> set[int]:
     """Return the mechanism parameters that the training rows, or all rows, do not determine."""
     training_estimate = evaluate_estimate(problem, training_noise, fit.estimate.free, fit.estimate.values)
     training_information, total_information = (

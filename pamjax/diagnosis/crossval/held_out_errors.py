@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.records.blocks import Blocks
 
@@ -57,8 +57,8 @@ def compute_held_out_errors(
     problem: LibraryProblem,
     blocks: Blocks,
     held_out_rows: np.ndarray,
-    baseline: CandidateFit,
-    fit: CandidateFit,
+    baseline: ModelFit,
+    fit: ModelFit,
 ) -> HeldOutErrors:
     """Return the errors of a baseline and a model that were fitted without the held-out rows."""
     baseline_prediction = problem.predict(baseline.estimate.values)

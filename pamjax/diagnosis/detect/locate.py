@@ -22,7 +22,7 @@ from pamjax.diagnosis.detect.regions import (
     split_range,
 )
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit, compute_unabsorbed_effect
+from pamjax.diagnosis.refit.model_fit import ModelFit, compute_unabsorbed_effect
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.problem.dataset import CHANNELS
 
@@ -56,7 +56,7 @@ class Box:
     description: str
 
 
-def locate_effects(problem: LibraryProblem, baseline: CandidateFit, fit: CandidateFit) -> list[Box]:
+def locate_effects(problem: LibraryProblem, baseline: ModelFit, fit: ModelFit) -> list[Box]:
     """Return boxes of the effect of each mechanism that the baseline does not absorb, largest share first."""
     settings = problem.settings
     axes, residual = build_axes(problem), problem.measured - problem.predict(baseline.estimate.values)
@@ -71,7 +71,7 @@ def locate_effects(problem: LibraryProblem, baseline: CandidateFit, fit: Candida
     return _divide_shares(problem, baseline, residual, boxes)
 
 
-def locate_residual(problem: LibraryProblem, fit: CandidateFit) -> list[Box]:
+def locate_residual(problem: LibraryProblem, fit: ModelFit) -> list[Box]:
     """Return a box of the residual beyond noise for each channel, largest share first."""
     settings, reference = problem.settings, _MODEL if fit.mechanisms else _BASELINE
     axes, residual = build_axes(problem), problem.measured - problem.predict(fit.estimate.values)
@@ -109,9 +109,7 @@ def _compute_rms(standardised: np.ndarray) -> float:
     return float(np.sqrt(np.mean(finite**2))) if finite.size else 0.0
 
 
-def _standardise_channel(
-    problem: LibraryProblem, fit: CandidateFit, values: np.ndarray, c: int
-) -> np.ndarray:
+def _standardise_channel(problem: LibraryProblem, fit: ModelFit, values: np.ndarray, c: int) -> np.ndarray:
     """Return one channel over its noise, (n,), also in held-out rows; NaN where it was not measured."""
     channel_noise = fit.noise.channels[c]
     if channel_noise is None:
@@ -136,7 +134,7 @@ class _UnsharedBox:
 
 def _build_box(
     problem: LibraryProblem,
-    fit: CandidateFit,
+    fit: ModelFit,
     axes: RecordingAxes,
     c: int,
     weight,
@@ -194,7 +192,7 @@ def _find_direction(settings: DiagnosisSettings, direction: np.ndarray, weights:
 
 
 def _divide_shares(
-    problem: LibraryProblem, fit: CandidateFit, residual: np.ndarray, regions: Sequence[_UnsharedBox]
+    problem: LibraryProblem, fit: ModelFit, residual: np.ndarray, regions: Sequence[_UnsharedBox]
 ) -> list[Box]:
     """Return the boxes with their shares of the excess squared residual, the largest first."""
     excess = []

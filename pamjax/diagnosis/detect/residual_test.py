@@ -10,11 +10,11 @@ from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.detect.significance import Significance, compute_significance
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
+from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.settings import DiagnosisSettings
 
 
-def run_baseline_test(problem: LibraryProblem, baseline: CandidateFit, seed: int = 0) -> Significance:
+def run_baseline_test(problem: LibraryProblem, baseline: ModelFit, seed: int = 0) -> Significance:
     """Return the test of the baseline's residual along the score directions of all mechanisms.
 
     A table without stated noise is tested on all rows, because they estimate its noise.
@@ -25,11 +25,11 @@ def run_baseline_test(problem: LibraryProblem, baseline: CandidateFit, seed: int
         seed: seed of the random draws for the p-value.
     """
     if any(channel and math.isfinite(channel.degrees_of_freedom) for channel in baseline.noise.channels):
-        baseline = fit_candidate(problem, np.ones(problem.n, dtype=bool), (), baseline.estimate.values)
+        baseline = fit_model(problem, np.ones(problem.n, dtype=bool), (), baseline.estimate.values)
     return run_residual_test(problem, baseline, seed)
 
 
-def run_residual_test(problem: LibraryProblem, fit: CandidateFit, seed: int = 0) -> Significance:
+def run_residual_test(problem: LibraryProblem, fit: ModelFit, seed: int = 0) -> Significance:
     """Return the test of a model's residual along the score directions of the mechanisms outside it.
 
     Args:

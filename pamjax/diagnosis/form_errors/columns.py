@@ -6,7 +6,7 @@ import numpy as np
 
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import switch_off_candidate
+from pamjax.diagnosis.refit.model_fit import switch_off_candidate
 from pamjax.infer.form_errors.columns import build_columns_of_effect
 from pamjax.infer.form_errors.coordinates import Coordinates
 from pamjax.infer.problem.dataset import CHANNELS

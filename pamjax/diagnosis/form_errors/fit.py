@@ -19,7 +19,6 @@ import numpy as np
 
 from pamjax.diagnosis.form_errors.columns import build_coordinates, build_form_columns
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import (
     MapEstimate,
     compute_priors,
@@ -28,6 +27,7 @@ from pamjax.diagnosis.refit.least_squares import (
     transform_to_coordinates,
 )
 from pamjax.diagnosis.refit.memoise import memoise_per_fit
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.form_errors.discrepancy import add_discrepancy
 from pamjax.infer.form_errors.shares import FormCost, choose_shares
 
@@ -36,7 +36,7 @@ ROUNDS = 2
 
 
 @dataclass(frozen=True, eq=False)
-class FormErrorFit(CandidateFit):
+class FormErrorFit(ModelFit):
     """A fit whose noise contains the form errors of its mechanisms.
 
     Attributes:
@@ -48,7 +48,7 @@ class FormErrorFit(CandidateFit):
 
 
 @memoise_per_fit(lambda: None)
-def add_form_errors(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
+def add_form_errors(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
     """Return the fit, refitted with the form errors of its mechanisms as noise.
 
     Args:

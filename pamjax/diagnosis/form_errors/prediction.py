@@ -9,7 +9,7 @@ import numpy as np
 from pamjax.diagnosis.form_errors.columns import compute_effect_of
 from pamjax.diagnosis.form_errors.fit import FormErrorFit
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
 from pamjax.infer.form_errors.parts import FormErrorPart, build_form_part, compute_prediction_sd
 from pamjax.infer.noise.autocorrelation import compute_variance_inflation
@@ -29,7 +29,7 @@ class FormPrediction:
     sd: np.ndarray
 
 
-def describe_form_errors(problem: LibraryProblem, fit: CandidateFit) -> dict[str, FormErrorPart]:
+def describe_form_errors(problem: LibraryProblem, fit: ModelFit) -> dict[str, FormErrorPart]:
     """Return the form error of each mechanism that has one; empty for a fit without form errors."""
     if not isinstance(fit, FormErrorFit):
         return {}
@@ -47,7 +47,7 @@ def describe_form_errors(problem: LibraryProblem, fit: CandidateFit) -> dict[str
     return parts
 
 
-def predict_with_form_errors(problem: LibraryProblem, fit: CandidateFit) -> FormPrediction | None:
+def predict_with_form_errors(problem: LibraryProblem, fit: ModelFit) -> FormPrediction | None:
     """Return the prediction with the estimated form errors; None if their most likely size is zero.
 
     Args:

@@ -20,7 +20,7 @@ from pamjax.model.registry import MECHANISMS
 
 @dataclass(frozen=True)
 class Candidate:
-    """A mechanism with one set of starting values of its shape.
+    """A mechanism in one starting form: with one set of starting values of its shape parameters.
 
     Attributes:
         id: id of the mechanism.

@@ -16,14 +16,14 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.power import compute_power_and_limit
 from pamjax.diagnosis.next_experiment.protocols import PROTOCOL_MENU
 from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed, linearise_difference
-from pamjax.diagnosis.refit.candidate_fit import (
-    CandidateFit,
+from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.model_fit import (
+    ModelFit,
     build_corrected_fit,
     get_free_indices,
     switch_off_candidate,
     switch_on_candidate,
 )
-from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.diagnosis.settings import DiagnosisSettings
 
@@ -57,7 +57,7 @@ class Experiment:
 
 
 def propose_experiments(
-    problem: LibraryProblem, fit: CandidateFit, named_mechanisms: Sequence[NamedMechanism]
+    problem: LibraryProblem, fit: ModelFit, named_mechanisms: Sequence[NamedMechanism]
 ) -> list[Experiment]:
     """Return protocols that distinguish each identified mechanism from its indistinguishable alternatives.
 
@@ -116,7 +116,7 @@ def choose_experiment(experiments: Sequence[Experiment], settings: DiagnosisSett
 
 
 def evaluate_protocols(
-    testbed: SimulatedTestbed, fit: CandidateFit, rival_fit: CandidateFit, ids: tuple[str, str]
+    testbed: SimulatedTestbed, fit: ModelFit, rival_fit: ModelFit, ids: tuple[str, str]
 ) -> list[Experiment]:
     """Return every protocol of the menu with its power to distinguish two models."""
     out, settings = [], testbed.problem.settings
@@ -136,7 +136,7 @@ def _format_duration(minutes: float) -> str:
     return f"{minutes:.0f} min" if minutes < 90 else f"{minutes / 60:.0f} h"
 
 
-def fit_rival(problem: LibraryProblem, fit: CandidateFit, name: str, rival: str) -> CandidateFit | None:
+def fit_rival(problem: LibraryProblem, fit: ModelFit, name: str, rival: str) -> ModelFit | None:
     """Return the model refitted with a rival instead of a mechanism; None if the rival is not testable."""
     candidate = next((f for f in fit.mechanisms if f.id == name), None)
     candidates = [f for f in build_candidates(problem) if f.id == rival]
@@ -149,12 +149,12 @@ def fit_rival(problem: LibraryProblem, fit: CandidateFit, name: str, rival: str)
         get_free_indices(problem, remaining),
         switch_off_candidate(problem, fit.estimate.values, candidate),
     )
-    return fit_best_rival(problem, CandidateFit(remaining, fit.noise, reduced_estimate), candidates)
+    return fit_best_rival(problem, ModelFit(remaining, fit.noise, reduced_estimate), candidates)
 
 
 def fit_best_rival(
-    problem: LibraryProblem, reduced_fit: CandidateFit, candidates: Sequence[Candidate]
-) -> CandidateFit:
+    problem: LibraryProblem, reduced_fit: ModelFit, candidates: Sequence[Candidate]
+) -> ModelFit:
     """Return the best refit of a model with one more candidate.
 
     The best candidate of the linear approximation can have an amplitude far outside its limits. Therefore
@@ -181,7 +181,7 @@ def fit_best_rival(
                 values,
                 problem.settings.rough_evaluations,
             )
-            rough_fits.append(CandidateFit(mechanisms, reduced_fit.noise, estimate))
+            rough_fits.append(ModelFit(mechanisms, reduced_fit.noise, estimate))
     best = sorted(rough_fits, key=lambda m: m.estimate.chi2_with_priors)[: problem.settings.final_refit_count]
     final_fits = [
         build_corrected_fit(

@@ -13,12 +13,12 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem, compute_pro
 from pamjax.diagnosis.next_experiment.power import LinearisedModel
 from pamjax.diagnosis.next_experiment.protocols import PlannedProtocol
 from pamjax.diagnosis.next_experiment.rig import CAMERA_SD_M, RigLimits
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import (
     UNIFORM_RANGE_SD,
     UNINFORMATIVE_PRIOR_SD,
     transform_to_coordinates,
 )
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.noise.sensor_noise import compute_effective_sd
@@ -52,7 +52,7 @@ class SimulatedTestbed:
     start_time: float
 
     @classmethod
-    def from_fit(cls, problem: LibraryProblem, fit: CandidateFit) -> SimulatedTestbed:
+    def from_fit(cls, problem: LibraryProblem, fit: ModelFit) -> SimulatedTestbed:
         """Return the testbed of a recording and its fitted model."""
         recording, sensors = problem.case.recording, problem.case.muscle_toml.sensors
         step, end_time, duration = _read_clock(recording)
@@ -168,7 +168,7 @@ def _estimate_rig_limits(
 
 
 def linearise_difference(
-    testbed: SimulatedTestbed, protocol: PlannedProtocol, a: CandidateFit, b: CandidateFit
+    testbed: SimulatedTestbed, protocol: PlannedProtocol, a: ModelFit, b: ModelFit
 ) -> tuple[np.ndarray, LinearisedModel, LinearisedModel]:
     """Return the whitened difference of two models on a protocol, (m,), and both linearised models."""
     problem = testbed.problem
@@ -203,7 +203,7 @@ def linearise_difference(
 
 
 def get_direct_readings(
-    testbed: SimulatedTestbed, protocol: PlannedProtocol, a: CandidateFit, b: CandidateFit
+    testbed: SimulatedTestbed, protocol: PlannedProtocol, a: ModelFit, b: ModelFit
 ) -> dict[int, float]:
     """Return the standard deviations of directly measured parameters by index, SI."""
     problem, out = testbed.problem, {}
@@ -215,7 +215,7 @@ def get_direct_readings(
     return out
 
 
-def _compute_information(problem: LibraryProblem, fit: CandidateFit) -> np.ndarray:
+def _compute_information(problem: LibraryProblem, fit: ModelFit) -> np.ndarray:
     """Return the information on a model's parameters from recording, priors and limits, in coordinates."""
     jacobian, free = fit.estimate.jacobian, fit.estimate.free
     low, high = (transform_to_coordinates(problem, free, edge) for edge in (problem.low, problem.high))

@@ -26,8 +26,8 @@ from pamjax.diagnosis.form_errors.columns import build_coordinates
 from pamjax.diagnosis.form_errors.fit import add_form_errors, estimate_form_shares
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.outside.templates import Template
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.form_errors.columns import build_columns_of_effect
 from pamjax.infer.form_errors.discrepancy import (
     DiscrepancyNoise,
@@ -50,7 +50,7 @@ class TemplateFit:
         cost: −2 ln L + k ln n with the template, and the cost of its place.
     """
 
-    fit: CandidateFit
+    fit: ModelFit
     template: Template
     cost: float
 
@@ -73,7 +73,7 @@ class Likeness:
 def find_best_template_fit(
     problem: LibraryProblem,
     templates: Sequence[Template],
-    fits: Sequence[CandidateFit],
+    fits: Sequence[ModelFit],
     max_cost: float,
 ) -> TemplateFit | None:
     """Return the model with a template of the smallest cost; None if no cost is below the maximum.
@@ -90,7 +90,7 @@ def find_best_template_fit(
 
 
 def _fit_best_template(
-    problem: LibraryProblem, templates: Sequence[Template], fit: CandidateFit
+    problem: LibraryProblem, templates: Sequence[Template], fit: ModelFit
 ) -> TemplateFit | None:
     """Return the fit with the template that explains most of its residual; None if no template applies."""
     tolerant_fit = add_form_errors(problem, fit)
@@ -123,7 +123,7 @@ def _add_form_error(
 
 
 def list_likenesses(
-    problem: LibraryProblem, templates: Sequence[Template], fit: CandidateFit
+    problem: LibraryProblem, templates: Sequence[Template], fit: ModelFit
 ) -> tuple[Likeness, ...]:
     """Return the families of templates that the residual of a fit resembles, most probable first.
 
@@ -147,18 +147,18 @@ def list_likenesses(
     return tuple(out.values())
 
 
-def compute_cost_reductions(fit: CandidateFit, templates: Sequence[Template]) -> np.ndarray:
+def compute_cost_reductions(fit: ModelFit, templates: Sequence[Template]) -> np.ndarray:
     """Return by template the reduction of −2 ln L + k ln n in the linear model; −∞ where it has no effect."""
     return compute_explained_chi2(fit, templates) - _compute_penalties(fit, templates)
 
 
-def _compute_penalties(fit: CandidateFit, templates: Sequence[Template]) -> np.ndarray:
+def _compute_penalties(fit: ModelFit, templates: Sequence[Template]) -> np.ndarray:
     """Return the cost of the columns and of the place of each template."""
     rows = math.log(fit.noise.size)
     return np.array([len(each.columns) * rows - 2 * math.log(each.share) for each in templates])
 
 
-def compute_explained_chi2(fit: CandidateFit, templates: Sequence[Template]) -> np.ndarray:
+def compute_explained_chi2(fit: ModelFit, templates: Sequence[Template]) -> np.ndarray:
     """Return by template the reduction of χ² with priors in the linear model; −∞ where it has no effect."""
     jacobian = fit.estimate.jacobian
     information = jacobian.T @ jacobian + np.diag(1 / fit.estimate.prior_sd**2)

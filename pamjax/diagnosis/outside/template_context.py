@@ -7,7 +7,7 @@ import numpy as np
 
 from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER, LibraryProblem
 from pamjax.diagnosis.outside.templates import TemplateContext
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.noise.sensor_noise import compute_sensitivities
 from pamjax.records.blocks import Blocks
 
@@ -16,7 +16,7 @@ _STIFFNESS_PARAMETERS = ("thread.modulus", "thread.stiffness", COMPLIANCE_PARAME
 
 
 def build_template_context(
-    problem: LibraryProblem, length: np.ndarray, blocks: Blocks, baseline: CandidateFit
+    problem: LibraryProblem, length: np.ndarray, blocks: Blocks, baseline: ModelFit
 ) -> TemplateContext:
     """Return what the templates depend on, at the estimate of the baseline.
 

@@ -9,7 +9,7 @@ from typing import Any, TypeVar, cast
 from weakref import WeakKeyDictionary
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.model_fit import ModelFit
 
 FitFunction = TypeVar("FitFunction", bound=Callable[..., Any])
 
@@ -24,10 +24,10 @@ def memoise_per_fit(key: Callable[..., Hashable]) -> Callable[[FitFunction], Fit
     """
 
     def decorate(function: FitFunction) -> FitFunction:
-        results: WeakKeyDictionary[CandidateFit, dict[Hashable, Callable[[], Any]]] = WeakKeyDictionary()
+        results: WeakKeyDictionary[ModelFit, dict[Hashable, Callable[[], Any]]] = WeakKeyDictionary()
 
         @functools.wraps(function)
-        def call_once(problem: LibraryProblem, fit: CandidateFit, *args):
+        def call_once(problem: LibraryProblem, fit: ModelFit, *args):
             results_of_fit, name = results.setdefault(fit, {}), key(*args)
             if name not in results_of_fit:
                 result = function(problem, fit, *args)

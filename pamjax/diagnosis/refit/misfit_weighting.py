@@ -22,14 +22,14 @@ import numpy as np
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.estimate import estimate_noise
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate, get_free_indices
 from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model, get_free_indices
 from pamjax.infer.noise.autocorrelation import estimate_autocorrelation_time
 
 
 def fit_with_misfit_weight(
     problem: LibraryProblem, training_rows: np.ndarray, mechanisms: Sequence[Candidate], values: np.ndarray
-) -> CandidateFit:
+) -> ModelFit:
     """Return the baseline refitted with some candidates, weighted by the misfit at the starting values.
 
     A model with systematic misfit that is first fitted without the weight can end in another minimum.
@@ -43,22 +43,22 @@ def fit_with_misfit_weight(
     noise = estimate_noise(problem, values, training_rows, problem.settings.max_noise_ratio)
     residual = np.nan_to_num(noise.whiten(problem.measured - problem.predict(values)), nan=1e3)
     if _compute_mean_square(residual) < problem.settings.min_misfit_mean_square:
-        return fit_candidate(problem, training_rows, mechanisms, values)
+        return fit_model(problem, training_rows, mechanisms, values)
     noise = dataclasses.replace(noise, weight=_compute_weight(residual, noise.is_run_start))
     free = get_free_indices(problem, mechanisms)
     fit = reweight_by_misfit(
-        problem, CandidateFit(tuple(mechanisms), noise, fit_parameters(problem, noise, free, values))
+        problem, ModelFit(tuple(mechanisms), noise, fit_parameters(problem, noise, free, values))
     )
     if (
         _compute_mean_square(fit.estimate.residual / fit.noise.weight)
         < problem.settings.min_misfit_mean_square
     ):
         # The misfit was only at the starting values.
-        return fit_candidate(problem, training_rows, mechanisms, fit.estimate.values)
+        return fit_model(problem, training_rows, mechanisms, fit.estimate.values)
     return fit
 
 
-def reweight_by_misfit(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
+def reweight_by_misfit(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
     """Return the fit, refitted with the weight of its misfit; unchanged if the residual is noise.
 
     Args:
@@ -70,7 +70,7 @@ def reweight_by_misfit(problem: LibraryProblem, fit: CandidateFit) -> CandidateF
         if _compute_mean_square(residual) < problem.settings.min_misfit_mean_square:
             return fit
         noise = dataclasses.replace(fit.noise, weight=_compute_weight(residual, fit.noise.is_run_start))
-        fit = CandidateFit(
+        fit = ModelFit(
             fit.mechanisms, noise, fit_parameters(problem, noise, fit.estimate.free, fit.estimate.values)
         )
     return fit

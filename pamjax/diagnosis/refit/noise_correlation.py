@@ -23,15 +23,15 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit, build_corrected_fit
 from pamjax.diagnosis.refit.least_squares import compute_priors, fit_parameters, transform_to_coordinates
+from pamjax.diagnosis.refit.model_fit import ModelFit, build_corrected_fit
 from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Starting grid of the search for the most likely correlation; the largest allowed one is added.
 _TRIAL_CORRELATIONS = (0.0, 0.2, 0.4, 0.6, 0.75, 0.85, 0.92, 0.96)
 
 
-def fit_noise_correlation(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
+def fit_noise_correlation(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
     """Return the fit, refitted with the noise correlations estimated from its whole residual.
 
     Args:
@@ -58,7 +58,7 @@ def fit_noise_correlation(problem: LibraryProblem, fit: CandidateFit) -> Candida
     )
 
 
-def _build_restricted_deviance(problem: LibraryProblem, fit: CandidateFit) -> Callable[[NoiseModel], float]:
+def _build_restricted_deviance(problem: LibraryProblem, fit: ModelFit) -> Callable[[NoiseModel], float]:
     """Return the function −2 ln L of a noise model, without a constant."""
     estimate, free = fit.estimate, list(fit.estimate.free)
     prediction, model_jacobian = problem.predict_with_jacobian(estimate.values, free)

@@ -19,8 +19,8 @@ from functools import partial
 
 from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.form_errors.fit import FormErrorFit, add_form_errors
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.select.neighbour_fits import is_reduction_significant
 from pamjax.diagnosis.select.pair_swap import is_excess_noise, leaves_only_noise
 from pamjax.diagnosis.select.redundant_mechanisms import compute_cost
@@ -28,7 +28,7 @@ from pamjax.diagnosis.select.search import MechanismSearch, fit_best_candidate
 from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
 
 
-def add_masked_effects(search: MechanismSearch, fit: CandidateFit) -> CandidateFit:
+def add_masked_effects(search: MechanismSearch, fit: ModelFit) -> ModelFit:
     """Return the model with the mechanisms that form errors of the others mask."""
     while len(fit.mechanisms) < search.settings.max_mechanisms:
         extended_fits = parallel_map(partial(_extend, search, fit), _remove_form_errors(search, fit))
@@ -39,7 +39,7 @@ def add_masked_effects(search: MechanismSearch, fit: CandidateFit) -> CandidateF
     return fit
 
 
-def _remove_form_errors(search: MechanismSearch, fit: CandidateFit) -> list[CandidateFit]:
+def _remove_form_errors(search: MechanismSearch, fit: ModelFit) -> list[ModelFit]:
     """Return the model without the form error of each mechanism that has one, refitted."""
     tolerant_fit = add_form_errors(search.problem, fit)
     if not isinstance(tolerant_fit, FormErrorFit):
@@ -50,16 +50,16 @@ def _remove_form_errors(search: MechanismSearch, fit: CandidateFit) -> list[Cand
     return [fit for fit in reduced_fits if not is_excess_noise(search, fit)]
 
 
-def _remove_form_error(search: MechanismSearch, fit: FormErrorFit, id: str) -> CandidateFit:
+def _remove_form_error(search: MechanismSearch, fit: FormErrorFit, id: str) -> ModelFit:
     assert isinstance(fit.noise, DiscrepancyNoise)
     noise = fit.noise.remove_columns([id])
     estimate = fit_parameters(
         search.problem, noise, fit.estimate.free, fit.estimate.values, search.settings.rough_evaluations
     )
-    return CandidateFit(fit.mechanisms, noise, estimate, fit.input_noise_chi2)
+    return ModelFit(fit.mechanisms, noise, estimate, fit.input_noise_chi2)
 
 
-def _extend(search: MechanismSearch, fit: CandidateFit, reduced_fit: CandidateFit) -> CandidateFit | None:
+def _extend(search: MechanismSearch, fit: ModelFit, reduced_fit: ModelFit) -> ModelFit | None:
     """Return the fit with the best candidate in the place of a form error; None if it is not better."""
     extended_fit = fit_best_candidate(search, reduced_fit)
     if extended_fit is None or not search.is_worthwhile(reduced_fit, extended_fit, may_be_small=True):

@@ -29,21 +29,21 @@ from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.input_noise import compute_input_noise_chi2
-from pamjax.diagnosis.refit.candidate_fit import (
-    CandidateFit,
+from pamjax.diagnosis.refit.errors_in_variables import estimate_input_noise_bias
+from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.model_fit import (
+    ModelFit,
     build_corrected_fit,
     get_free_indices,
     get_parameter_indices,
     switch_off_candidate,
 )
-from pamjax.diagnosis.refit.errors_in_variables import estimate_input_noise_bias
-from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.select.selection import NamedMechanism
 
 
 def average_models(
-    problem: LibraryProblem, fit: CandidateFit, named_mechanisms: Sequence[NamedMechanism]
-) -> CandidateFit:
+    problem: LibraryProblem, fit: ModelFit, named_mechanisms: Sequence[NamedMechanism]
+) -> ModelFit:
     """Return the model at its best minimum, with the covariance between models.
 
     Args:
@@ -83,7 +83,7 @@ def average_models(
     return replace(fit, between_model_covariance=between, errors_in_variables_bias=bias)
 
 
-def _build_starts(problem: LibraryProblem, fit: CandidateFit) -> list[np.ndarray]:
+def _build_starts(problem: LibraryProblem, fit: ModelFit) -> list[np.ndarray]:
     """Return starting values: each mechanism with each of its other starting shapes."""
     candidates, starts = build_candidates(problem), []
     for candidate in fit.mechanisms:
@@ -104,16 +104,16 @@ def _build_starts(problem: LibraryProblem, fit: CandidateFit) -> list[np.ndarray
 
 def _refit_from(
     problem: LibraryProblem,
-    fit: CandidateFit,
+    fit: ModelFit,
     start: np.ndarray,
     max_evaluations: int,
-) -> CandidateFit:
+) -> ModelFit:
     return replace(
         fit, estimate=fit_parameters(problem, fit.noise, fit.estimate.free, start, max_evaluations)
     )
 
 
-def _add_input_noise_chi2(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
+def _add_input_noise_chi2(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
     """Return the fit with its χ² due to input noise; zero for a fit with misfit weights."""
     input_noise_chi2 = (
         compute_input_noise_chi2(problem, fit.noise.whiten, fit.estimate.values)
@@ -123,7 +123,7 @@ def _add_input_noise_chi2(problem: LibraryProblem, fit: CandidateFit) -> Candida
     return replace(fit, input_noise_chi2=input_noise_chi2)
 
 
-def _correct_bias(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
+def _correct_bias(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
     """Return the fit corrected for input noise; unchanged for a fit with misfit weights."""
     return (
         build_corrected_fit(problem, fit.mechanisms, fit.noise, fit.estimate)
@@ -133,7 +133,7 @@ def _correct_bias(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
 
 
 def _weigh_minima(
-    fit: CandidateFit, minima: Sequence[CandidateFit], tolerance: float
+    fit: ModelFit, minima: Sequence[ModelFit], tolerance: float
 ) -> list[tuple[float, np.ndarray]]:
     """Return the probability of each other minimum and the shifts of all parameters to it."""
     distinct = [fit]
@@ -149,7 +149,7 @@ def _weigh_minima(
     ][1:]
 
 
-def _is_other_minimum(fit: CandidateFit, other: CandidateFit, tolerance: float) -> bool:
+def _is_other_minimum(fit: ModelFit, other: ModelFit, tolerance: float) -> bool:
     """Return whether a fit is farther from a minimum than the covariance of the fit explains."""
     shift = (other.estimate.values - fit.estimate.values)[list(fit.estimate.free)] / fit.estimate.scale
     distance_chi2 = float(
@@ -162,7 +162,7 @@ def _is_other_minimum(fit: CandidateFit, other: CandidateFit, tolerance: float) 
 
 
 def _weigh_indistinguishable(
-    problem: LibraryProblem, fit: CandidateFit, mechanism: NamedMechanism
+    problem: LibraryProblem, fit: ModelFit, mechanism: NamedMechanism
 ) -> list[tuple[float, np.ndarray]]:
     """Return the probability of each indistinguishable mechanism and the shifts of the other parameters."""
     own_candidate = next((candidate for candidate in fit.mechanisms if candidate.id == mechanism.id), None)

@@ -12,15 +12,15 @@ from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_dir
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.input_noise import compute_input_noise_chi2
-from pamjax.diagnosis.refit.candidate_fit import (
-    CandidateFit,
+from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.memoise import memoise_per_fit
+from pamjax.diagnosis.refit.model_fit import (
+    ModelFit,
     build_corrected_fit,
     get_free_indices,
     switch_off_candidate,
     switch_on_candidate,
 )
-from pamjax.diagnosis.refit.least_squares import fit_parameters
-from pamjax.diagnosis.refit.memoise import memoise_per_fit
 from pamjax.model.registry import EXCLUSIVE_PAIRS
 
 
@@ -51,7 +51,7 @@ def shortlist_candidates(
     return sorted(best.values(), key=lambda s: -s.chi2_reduction)[:count]
 
 
-def fit_with_candidate(problem: LibraryProblem, fit: CandidateFit, direction: ScoreDirection) -> CandidateFit:
+def fit_with_candidate(problem: LibraryProblem, fit: ModelFit, direction: ScoreDirection) -> ModelFit:
     """Return the model with one more candidate, roughly refitted with the same noise.
 
     This candidate may have driven parameters of the baseline to their limits. In that case a second refit
@@ -68,12 +68,12 @@ def fit_with_candidate(problem: LibraryProblem, fit: CandidateFit, direction: Sc
         estimates.append(fit_parameters(problem, fit.noise, free, values, problem.settings.rough_evaluations))
     estimate = min(estimates, key=lambda estimate: estimate.chi2_with_priors)
     # A rough refit includes the χ² due to input noise, but no correction of its bias.
-    return CandidateFit(
+    return ModelFit(
         mechanisms, fit.noise, estimate, compute_input_noise_chi2(problem, fit.noise.whiten, estimate.values)
     )
 
 
-def _is_strained(problem: LibraryProblem, fit: CandidateFit) -> bool:
+def _is_strained(problem: LibraryProblem, fit: ModelFit) -> bool:
     """Return whether a baseline parameter is far from its stated value."""
     stated_indices = np.flatnonzero(problem.is_baseline & np.isfinite(problem.prior_sd))
     return bool(
@@ -85,8 +85,8 @@ def _is_strained(problem: LibraryProblem, fit: CandidateFit) -> bool:
 
 
 def refit_most_promising(
-    problem: LibraryProblem, reduced_fit: CandidateFit, trials: Sequence[CandidateFit]
-) -> list[CandidateFit]:
+    problem: LibraryProblem, reduced_fit: ModelFit, trials: Sequence[ModelFit]
+) -> list[ModelFit]:
     """Return the most promising rough refits, refitted to the minimum, best first.
 
     `reduced_fit` is the model without the added candidate.
@@ -102,10 +102,10 @@ def refit_most_promising(
     )
 
 
-def refit_fully(problem: LibraryProblem, rough_fits: Sequence[CandidateFit]) -> list[CandidateFit]:
+def refit_fully(problem: LibraryProblem, rough_fits: Sequence[ModelFit]) -> list[ModelFit]:
     """Return rough refits, refitted to the minimum, best first."""
 
-    def refit_rough(m: CandidateFit) -> CandidateFit:
+    def refit_rough(m: ModelFit) -> ModelFit:
         return build_corrected_fit(
             problem,
             m.mechanisms,
@@ -116,15 +116,15 @@ def refit_fully(problem: LibraryProblem, rough_fits: Sequence[CandidateFit]) -> 
     return sorted(parallel_map(refit_rough, rough_fits), key=lambda trial: trial.bic)
 
 
-def compute_rough_limit(reduced_fit: CandidateFit, fit: CandidateFit) -> float:
+def compute_rough_limit(reduced_fit: ModelFit, fit: ModelFit) -> float:
     """Return the BIC below which a rough refit with an alternative is refitted to the minimum."""
     return (reduced_fit.bic + fit.bic) / 2
 
 
 @memoise_per_fit(lambda candidate, candidates: candidate.id)
 def fit_replacements(
-    problem: LibraryProblem, reduced_fit: CandidateFit, candidate: Candidate, candidates: Sequence[Candidate]
-) -> list[CandidateFit]:
+    problem: LibraryProblem, reduced_fit: ModelFit, candidate: Candidate, candidates: Sequence[Candidate]
+) -> list[ModelFit]:
     """Return models with an alternative in the place of a candidate, roughly refitted.
 
     Results are memoised without `candidates`: a fit belongs to one problem, which has one list of them.
@@ -145,17 +145,17 @@ def fit_replacements(
 
 
 @memoise_per_fit(lambda k: k)
-def fit_without_mechanism(problem: LibraryProblem, fit: CandidateFit, k: int) -> CandidateFit:
+def fit_without_mechanism(problem: LibraryProblem, fit: ModelFit, k: int) -> ModelFit:
     """Return the model without its k-th mechanism, refitted with the same noise."""
     return _fit_without(problem, fit, [k])
 
 
-def refit_baseline(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
+def refit_baseline(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
     """Return the baseline of a model, refitted with the noise of the model."""
     return _fit_without(problem, fit, range(len(fit.mechanisms)))
 
 
-def _fit_without(problem: LibraryProblem, fit: CandidateFit, removed: Sequence[int]) -> CandidateFit:
+def _fit_without(problem: LibraryProblem, fit: ModelFit, removed: Sequence[int]) -> ModelFit:
     remaining = tuple(m for k, m in enumerate(fit.mechanisms) if k not in removed)
     values = fit.estimate.values
     for k in removed:

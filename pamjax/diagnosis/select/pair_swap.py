@@ -30,21 +30,21 @@ from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_dir
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import (
-    CandidateFit,
+from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.model_fit import (
+    ModelFit,
     build_corrected_fit,
-    fit_candidate,
+    fit_model,
     get_free_indices,
     switch_off_candidate,
     switch_on_candidate,
 )
-from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.select.search import MechanismSearch, prune_mechanisms, run_search
 from pamjax.model.registry import EXCLUSIVE_PAIRS
 from pamjax.progress import ignore_progress
 
 
-def swap_pairs(search: MechanismSearch, fit: CandidateFit) -> CandidateFit:
+def swap_pairs(search: MechanismSearch, fit: ModelFit) -> ModelFit:
     """Return the model after replacement by pairs.
 
     Args:
@@ -60,7 +60,7 @@ def swap_pairs(search: MechanismSearch, fit: CandidateFit) -> CandidateFit:
     return fit
 
 
-def _find_better_pair(search: MechanismSearch, fit: CandidateFit) -> CandidateFit | None:
+def _find_better_pair(search: MechanismSearch, fit: ModelFit) -> ModelFit | None:
     """Return the model with a pair in the place of others, if its BIC is clearly lower; else None."""
     # Without stated noise, enough mechanisms can explain any residual.
     is_noise_stated = all(channel is None or channel.stated for channel in fit.noise.channels)
@@ -84,13 +84,13 @@ def _find_better_pair(search: MechanismSearch, fit: CandidateFit) -> CandidateFi
     return min(results, key=partial(_compute_bic, search), default=None)
 
 
-def _compute_bic(search: MechanismSearch, fit: CandidateFit) -> float:
+def _compute_bic(search: MechanismSearch, fit: ModelFit) -> float:
     """Return the BIC of a model with the form errors of its mechanisms."""
     return add_form_errors(search.problem, fit).full_bic
 
 
 def _is_acceptable(
-    search: MechanismSearch, fit: CandidateFit, result: CandidateFit, *, has_more_mechanisms: bool
+    search: MechanismSearch, fit: ModelFit, result: ModelFit, *, has_more_mechanisms: bool
 ) -> bool:
     """Return whether a pair is accepted.
 
@@ -102,9 +102,9 @@ def _is_acceptable(
     return not search.leaves_large_residual(result)
 
 
-def _finish_search(search: MechanismSearch, rough_fit: CandidateFit) -> CandidateFit:
+def _finish_search(search: MechanismSearch, rough_fit: ModelFit) -> ModelFit:
     """Return the result of a search from a rough fit; small effects stay if the residual is only noise."""
-    start_fit = fit_candidate(
+    start_fit = fit_model(
         search.problem, search.training_rows, rough_fit.mechanisms, rough_fit.estimate.values
     )
     result = run_search(search, start_fit)
@@ -117,12 +117,12 @@ def _finish_search(search: MechanismSearch, rough_fit: CandidateFit) -> Candidat
     return complete if is_better else result
 
 
-def leaves_only_noise(search: MechanismSearch, fit: CandidateFit) -> bool:
+def leaves_only_noise(search: MechanismSearch, fit: ModelFit) -> bool:
     """Return whether the excess χ² beyond form errors is that of noise, or too small for an effect."""
     return is_excess_noise(search, add_form_errors(search.problem, fit))
 
 
-def is_excess_noise(search: MechanismSearch, fit: CandidateFit) -> bool:
+def is_excess_noise(search: MechanismSearch, fit: ModelFit) -> bool:
     """Return whether the excess χ² of a fit is that of noise, or too small for an effect."""
     n = fit.noise.size
     return fit.excess_chi2 < max(
@@ -131,8 +131,8 @@ def is_excess_noise(search: MechanismSearch, fit: CandidateFit) -> bool:
 
 
 def _fit_pair_replacements(
-    search: MechanismSearch, fit: CandidateFit, positions: tuple[int, ...]
-) -> list[CandidateFit]:
+    search: MechanismSearch, fit: ModelFit, positions: tuple[int, ...]
+) -> list[ModelFit]:
     """Return models with a pair in the place of some mechanisms, roughly refitted."""
     if len(fit.mechanisms) - len(positions) + 2 > search.settings.max_mechanisms:
         return []
@@ -166,7 +166,7 @@ def _fit_pair_replacements(
 
 def rank_pairs(
     scores: Sequence[ScoreDirection],
-    fit: CandidateFit,
+    fit: ModelFit,
     residual: np.ndarray,
     same_pair_chi2_share: float,
 ) -> Iterator[tuple[tuple[ScoreDirection, np.ndarray], tuple[ScoreDirection, np.ndarray]]]:
@@ -222,8 +222,8 @@ def _is_barred(candidate: Candidate, others: Sequence[Candidate]) -> bool:
 
 
 def _fit_with_pair(
-    problem: LibraryProblem, fit: CandidateFit, pair: Sequence[tuple[ScoreDirection, np.ndarray]]
-) -> CandidateFit:
+    problem: LibraryProblem, fit: ModelFit, pair: Sequence[tuple[ScoreDirection, np.ndarray]]
+) -> ModelFit:
     """Return the model with a further pair, roughly refitted with the same noise."""
     mechanisms, values = (*fit.mechanisms, *(s.candidate for s, _ in pair)), fit.estimate.values
     for direction, amplitudes in pair:

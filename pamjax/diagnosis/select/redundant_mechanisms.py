@@ -14,12 +14,12 @@ from scipy.stats import chi2
 
 from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.form_errors.fit import add_form_errors
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism, is_reduction_significant
 from pamjax.diagnosis.select.search import MechanismSearch
 
 
-def remove_redundant(search: MechanismSearch, fit: CandidateFit) -> CandidateFit:
+def remove_redundant(search: MechanismSearch, fit: ModelFit) -> ModelFit:
     """Return the model without mechanisms that form errors of the others replace."""
     while len(fit.mechanisms) > 1:
         cost = compute_cost(search, fit)
@@ -40,7 +40,7 @@ def remove_redundant(search: MechanismSearch, fit: CandidateFit) -> CandidateFit
     return fit
 
 
-def compute_cost(search: MechanismSearch, fit: CandidateFit) -> float:
+def compute_cost(search: MechanismSearch, fit: ModelFit) -> float:
     """Return −2 ln L with the priors and the form errors, up to a constant."""
     tolerant_fit = add_form_errors(search.problem, fit)
     return tolerant_fit.corrected_chi2 + tolerant_fit.noise.log_determinant

@@ -28,9 +28,9 @@ from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_dir
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import (
-    CandidateFit,
-    fit_candidate,
+from pamjax.diagnosis.refit.model_fit import (
+    ModelFit,
+    fit_model,
 )
 from pamjax.diagnosis.select.neighbour_fits import (
     compute_rough_limit,
@@ -59,7 +59,7 @@ class MechanismSearch:
 
     problem: LibraryProblem
     training_rows: np.ndarray
-    baseline: CandidateFit
+    baseline: ModelFit
     candidates: Sequence[Candidate]
     progress: Progress
 
@@ -68,18 +68,18 @@ class MechanismSearch:
         """Return the thresholds of the diagnosis."""
         return self.problem.settings
 
-    def score_candidates(self, fit: CandidateFit) -> list[ScoreDirection]:
+    def score_candidates(self, fit: ModelFit) -> list[ScoreDirection]:
         """Return the score directions of all candidates at a fit."""
         return compute_score_directions(self.problem, fit.noise, fit.estimate, self.candidates)
 
-    def refit(self, fit: CandidateFit) -> CandidateFit:
+    def refit(self, fit: ModelFit) -> ModelFit:
         """Return the fit, refitted with noise from its own residual."""
-        return fit_candidate(self.problem, self.training_rows, fit.mechanisms, fit.estimate.values)
+        return fit_model(self.problem, self.training_rows, fit.mechanisms, fit.estimate.values)
 
     def is_worthwhile(
         self,
-        reduced_fit: CandidateFit,
-        extended_fit: CandidateFit,
+        reduced_fit: ModelFit,
+        extended_fit: ModelFit,
         may_be_small: bool,
         candidate: Candidate | None = None,
     ) -> bool:
@@ -115,7 +115,7 @@ class MechanismSearch:
         )
         return is_significant and is_substantial and is_sizeable
 
-    def is_exhausted(self, fit: CandidateFit, best: ScoreDirection) -> bool:
+    def is_exhausted(self, fit: ModelFit, best: ScoreDirection) -> bool:
         """Return whether the residual, in total and along the best candidate, is too small for any effect."""
         min_chi2 = self.settings.min_effect_rms**2 * fit.noise.size
         return (
@@ -123,7 +123,7 @@ class MechanismSearch:
             and best.chi2_reduction < self.settings.min_direction_chi2_share * min_chi2
         )
 
-    def is_complete(self, fit: CandidateFit, other: CandidateFit) -> bool:
+    def is_complete(self, fit: ModelFit, other: ModelFit) -> bool:
         """Return whether a model explains nearly all excess misfit of another model, with a lower BIC.
 
         Both have the form errors of their mechanisms.
@@ -134,7 +134,7 @@ class MechanismSearch:
             and fit.full_bic < other.full_bic
         )
 
-    def leaves_large_residual(self, fit: CandidateFit) -> bool:
+    def leaves_large_residual(self, fit: ModelFit) -> bool:
         """Return whether the residual beyond form errors is large, compared with noise and baseline."""
         return add_form_errors(self.problem, fit).excess_chi2 > max(
             self.settings.min_unexplained_rms**2 * fit.noise.size,
@@ -142,7 +142,7 @@ class MechanismSearch:
         )
 
 
-def search_mechanisms(search: MechanismSearch, directions: Sequence[ScoreDirection]) -> CandidateFit:
+def search_mechanisms(search: MechanismSearch, directions: Sequence[ScoreDirection]) -> ModelFit:
     """Return the baseline with the mechanisms that explain its misfit.
 
     Args:
@@ -166,8 +166,8 @@ def search_mechanisms(search: MechanismSearch, directions: Sequence[ScoreDirecti
 
 
 def run_search(
-    search: MechanismSearch, start: CandidateFit, directions: Sequence[ScoreDirection] | None = None
-) -> CandidateFit:
+    search: MechanismSearch, start: ModelFit, directions: Sequence[ScoreDirection] | None = None
+) -> ModelFit:
     """Return the result of a search from a starting model."""
     largest_fit, refused_fit = _add_candidates(search, start, directions)
     fit = prune_mechanisms(search, largest_fit)
@@ -188,11 +188,11 @@ def run_search(
 
 def _add_candidates(
     search: MechanismSearch,
-    fit: CandidateFit,
+    fit: ModelFit,
     directions: Sequence[ScoreDirection] | None = None,
     may_be_small: bool = False,
-    best: CandidateFit | None = None,
-) -> tuple[CandidateFit, CandidateFit | None]:
+    best: ModelFit | None = None,
+) -> tuple[ModelFit, ModelFit | None]:
     """Return the model with further mechanisms, and the best extension that is not worthwhile.
 
     Mechanisms are added one at a time as long as each is worthwhile beside the form errors of the others.
@@ -209,8 +209,8 @@ def _add_candidates(
 
 
 def fit_best_candidate(
-    search: MechanismSearch, fit: CandidateFit, directions: Sequence[ScoreDirection] | None = None
-) -> CandidateFit | None:
+    search: MechanismSearch, fit: ModelFit, directions: Sequence[ScoreDirection] | None = None
+) -> ModelFit | None:
     """Return the model with the best further candidate, with the same noise; None if none is promising."""
     directions = search.score_candidates(fit) if directions is None else directions
     shortlist = _list_promising(search, fit, directions)
@@ -223,7 +223,7 @@ def fit_best_candidate(
 
 def _list_promising(
     search: MechanismSearch,
-    fit: CandidateFit,
+    fit: ModelFit,
     directions: Sequence[ScoreDirection],
     count: int | None = None,
 ) -> list[ScoreDirection]:
@@ -240,7 +240,7 @@ def _list_promising(
     ]
 
 
-def _swap_mechanisms(search: MechanismSearch, fit: CandidateFit) -> CandidateFit:
+def _swap_mechanisms(search: MechanismSearch, fit: ModelFit) -> ModelFit:
     """Return the fit with alternatives in place of earlier mechanisms, where they now fit better."""
     for k in range(len(fit.mechanisms) - 1):
         reduced_fit = fit_without_mechanism(search.problem, fit, k)
@@ -255,7 +255,7 @@ def _swap_mechanisms(search: MechanismSearch, fit: CandidateFit) -> CandidateFit
     return fit
 
 
-def prune_mechanisms(search: MechanismSearch, fit: CandidateFit, may_be_small: bool = False) -> CandidateFit:
+def prune_mechanisms(search: MechanismSearch, fit: ModelFit, may_be_small: bool = False) -> ModelFit:
     """Return the model without mechanisms that are no longer worthwhile."""
     while len(fit.mechanisms) > 1:
         reduced_fits = parallel_map(
@@ -270,15 +270,15 @@ def prune_mechanisms(search: MechanismSearch, fit: CandidateFit, may_be_small: b
 
 
 def _find_restart_pairs(
-    search: MechanismSearch, fit: CandidateFit, directions: Sequence[ScoreDirection]
-) -> list[CandidateFit]:
+    search: MechanismSearch, fit: ModelFit, directions: Sequence[ScoreDirection]
+) -> list[ModelFit]:
     """Return roughly refitted pairs that fit better than all pairs within or around the present model."""
     singles = parallel_map(
         partial(fit_with_candidate, search.problem, search.baseline),
         _list_promising(search, search.baseline, directions),
     )
 
-    def extend_to_pairs(single: CandidateFit) -> list[CandidateFit]:
+    def extend_to_pairs(single: ModelFit) -> list[ModelFit]:
         return [
             fit_with_candidate(search.problem, single, s)
             for s in _list_promising(
@@ -286,7 +286,7 @@ def _find_restart_pairs(
             )
         ]
 
-    starts: list[CandidateFit] = []
+    starts: list[ModelFit] = []
     for pair in sorted(
         chain.from_iterable(parallel_map(extend_to_pairs, singles)), key=lambda pair: pair.bic
     ):

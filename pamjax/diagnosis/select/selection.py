@@ -15,7 +15,7 @@ from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate, switch_off_candidate
+from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model, switch_off_candidate
 from pamjax.diagnosis.select.masked_effects import add_masked_effects
 from pamjax.diagnosis.select.neighbour_fits import (
     compute_rough_limit,
@@ -67,11 +67,11 @@ class Selection:
         masked_ids: ids of the mechanisms whose effect a form error of another one can explain.
     """
 
-    baseline: CandidateFit
-    model: CandidateFit
+    baseline: ModelFit
+    model: ModelFit
     named_mechanisms: tuple[NamedMechanism, ...]
     weighted_values: np.ndarray | None = None
-    fit_without_small_effects: CandidateFit | None = None
+    fit_without_small_effects: ModelFit | None = None
     masked_ids: frozenset[str] = frozenset()
 
     @property
@@ -83,7 +83,7 @@ class Selection:
 def select_mechanisms(
     problem: LibraryProblem,
     training_rows: np.ndarray,
-    baseline: CandidateFit,
+    baseline: ModelFit,
     progress: Progress = ignore_progress,
 ) -> Selection:
     """Return the mechanisms that the baseline of a recording omits.
@@ -117,7 +117,7 @@ def select_mechanisms(
     weighted_values = fit.estimate.values
     return Selection(
         baseline,
-        fit_candidate(problem, training_rows, fit.mechanisms, weighted_values),
+        fit_model(problem, training_rows, fit.mechanisms, weighted_values),
         named_mechanisms,
         weighted_values,
         fit_without_small_effects,
@@ -165,7 +165,7 @@ def restrict_selection(
     for candidate in selection.model.mechanisms:
         values = values if candidate.id in ids else switch_off_candidate(problem, values, candidate)
     mechanisms = [candidate for candidate in selection.model.mechanisms if candidate.id in ids]
-    fit = fit_candidate(problem, training_rows, mechanisms, values) if mechanisms else selection.baseline
+    fit = fit_model(problem, training_rows, mechanisms, values) if mechanisms else selection.baseline
     return replace(
         selection,
         model=fit,
@@ -176,7 +176,7 @@ def restrict_selection(
 
 
 def _assess_mechanisms(
-    problem: LibraryProblem, fit: CandidateFit, candidates: Sequence[Candidate] | None = None
+    problem: LibraryProblem, fit: ModelFit, candidates: Sequence[Candidate] | None = None
 ) -> tuple[NamedMechanism, ...]:
     """Return the mechanisms of a model with their probabilities, most probable first.
 
@@ -202,7 +202,7 @@ def _rank_mechanisms(named_mechanisms: Sequence[NamedMechanism]) -> tuple[NamedM
     )
 
 
-def _assess_mechanism(problem, fit: CandidateFit, k: int, candidates) -> NamedMechanism:
+def _assess_mechanism(problem, fit: ModelFit, k: int, candidates) -> NamedMechanism:
     candidate = fit.mechanisms[k]
     reduced_fit = fit_without_mechanism(problem, fit, k)
     chi2_increase = reduced_fit.corrected_chi2 - fit.corrected_chi2

@@ -28,24 +28,24 @@ from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_directions
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import (
-    CandidateFit,
+from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit, fit_parameters
+from pamjax.diagnosis.refit.misfit_weighting import reweight_by_misfit
+from pamjax.diagnosis.refit.model_fit import (
+    ModelFit,
     get_free_indices,
     switch_off_candidate,
     switch_on_candidate,
 )
-from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit, fit_parameters
-from pamjax.diagnosis.refit.misfit_weighting import reweight_by_misfit
 from pamjax.diagnosis.select.neighbour_fits import is_reduction_significant, shortlist_candidates
 from pamjax.progress import Progress, ignore_progress
 
 
 def add_small_effects(
     problem: LibraryProblem,
-    fit: CandidateFit,
+    fit: ModelFit,
     candidates: Sequence[Candidate],
     progress: Progress = ignore_progress,
-) -> CandidateFit:
+) -> ModelFit:
     """Return the model with small effects, weighted by its misfit; unchanged if none pass the tests.
 
     Args:
@@ -80,13 +80,13 @@ def add_small_effects(
     )
 
 
-def _compute_excess_mean_square(fit: CandidateFit) -> float:
+def _compute_excess_mean_square(fit: ModelFit) -> float:
     """Return the mean squared residual above the noise, in noise variances, without misfit weights."""
     residual = fit.estimate.residual / fit.noise.weight
     return max(float(np.mean(residual**2)) - 1, 0.0)
 
 
-def is_prior_consistent(problem: LibraryProblem, fit: CandidateFit) -> bool:
+def is_prior_consistent(problem: LibraryProblem, fit: ModelFit) -> bool:
     """Return whether the baseline parameters together are consistent with their priors."""
     baseline_indices = np.flatnonzero(problem.is_baseline & np.isfinite(problem.prior_sd))
     deviations = fit.estimate.values[baseline_indices] - problem.start[baseline_indices]
@@ -96,7 +96,7 @@ def is_prior_consistent(problem: LibraryProblem, fit: CandidateFit) -> bool:
 
 
 def _has_extreme_amplitude(
-    problem: LibraryProblem, fit: CandidateFit, added_candidates: Sequence[Candidate]
+    problem: LibraryProblem, fit: ModelFit, added_candidates: Sequence[Candidate]
 ) -> bool:
     """Return whether an amplitude of the added candidates is at an extreme limit."""
     ends = {problem.names[fit.estimate.free[k]] for k in find_parameters_at_limit(problem, fit.estimate)}
@@ -108,7 +108,7 @@ def _has_extreme_amplitude(
     )
 
 
-def _is_amplitude_extreme(problem: LibraryProblem, fit: CandidateFit, name: str) -> bool:
+def _is_amplitude_extreme(problem: LibraryProblem, fit: ModelFit, name: str) -> bool:
     """Return whether an amplitude is far from its neutral value."""
     k = problem.index(name)
     return bool(
@@ -131,7 +131,7 @@ class _SmallEffectSearch:
     candidates: Sequence[Candidate]
     initial_excess: float
 
-    def find_better_fit(self, fit: CandidateFit) -> CandidateFit | None:
+    def find_better_fit(self, fit: ModelFit) -> ModelFit | None:
         """Return the model with the best further candidate, weighted anew; None if none is worthwhile."""
         scores = compute_score_directions(self.problem, fit.noise, fit.estimate, self.candidates)
         promising = [
@@ -147,7 +147,7 @@ class _SmallEffectSearch:
             return None
         return reweight_by_misfit(self.problem, ends[0])
 
-    def prune(self, fit: CandidateFit, fixed_count: int) -> CandidateFit:
+    def prune(self, fit: ModelFit, fixed_count: int) -> ModelFit:
         """Return the model without added mechanisms that are no longer worthwhile."""
         while len(fit.mechanisms) > fixed_count:
             reduced_fits = parallel_map(
@@ -159,9 +159,7 @@ class _SmallEffectSearch:
             fit = reweight_by_misfit(self.problem, self._refit_fully(reduced_fits[k]))
         return fit
 
-    def _is_worthwhile(
-        self, reduced_fit: CandidateFit, extended_fit: CandidateFit, candidate: Candidate
-    ) -> bool:
+    def _is_worthwhile(self, reduced_fit: ModelFit, extended_fit: ModelFit, candidate: Candidate) -> bool:
         explained_excess = _compute_excess_mean_square(reduced_fit) - _compute_excess_mean_square(
             extended_fit
         )
@@ -181,7 +179,7 @@ class _SmallEffectSearch:
             self.problem.settings.false_addition_probability,
         )
 
-    def _fit_with_candidate(self, fit: CandidateFit, direction: ScoreDirection) -> CandidateFit:
+    def _fit_with_candidate(self, fit: ModelFit, direction: ScoreDirection) -> ModelFit:
         values = switch_on_candidate(
             self.problem, fit.estimate.values, direction.candidate, direction.amplitudes
         )
@@ -189,7 +187,7 @@ class _SmallEffectSearch:
             fit, (*fit.mechanisms, direction.candidate), values, self.problem.settings.rough_evaluations
         )
 
-    def _fit_without_mechanism(self, fit: CandidateFit, k: int) -> CandidateFit:
+    def _fit_without_mechanism(self, fit: ModelFit, k: int) -> ModelFit:
         values = switch_off_candidate(self.problem, fit.estimate.values, fit.mechanisms[k])
         return self._fit_mechanisms(
             fit,
@@ -198,17 +196,17 @@ class _SmallEffectSearch:
             2 * self.problem.settings.rough_evaluations,
         )
 
-    def _refit_fully(self, fit: CandidateFit) -> CandidateFit:
-        return CandidateFit(
+    def _refit_fully(self, fit: ModelFit) -> ModelFit:
+        return ModelFit(
             fit.mechanisms,
             fit.noise,
             fit_parameters(self.problem, fit.noise, fit.estimate.free, fit.estimate.values),
         )
 
     def _fit_mechanisms(
-        self, fit: CandidateFit, mechanisms: tuple[Candidate, ...], values: np.ndarray, max_evaluations: int
-    ) -> CandidateFit:
+        self, fit: ModelFit, mechanisms: tuple[Candidate, ...], values: np.ndarray, max_evaluations: int
+    ) -> ModelFit:
         estimate = fit_parameters(
             self.problem, fit.noise, get_free_indices(self.problem, mechanisms), values, max_evaluations
         )
-        return CandidateFit(mechanisms, fit.noise, estimate)
+        return ModelFit(mechanisms, fit.noise, estimate)

@@ -16,7 +16,7 @@ from matplotlib.patches import Rectangle
 from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, STILL, RecordingAxes, build_axes
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.records.levels import assign_levels, find_levels
 from pamjax.view.theme import DOUBLE_COLUMN, SINGLE_COLUMN, apply_theme, create_figure
@@ -58,12 +58,12 @@ class MapAxis:
         return float(self.edges[first - 1]), float(self.edges[last])
 
 
-def _compute_standard_residual(problem: LibraryProblem, candidate_fit: CandidateFit) -> np.ndarray:
+def _compute_standard_residual(problem: LibraryProblem, model_fit: ModelFit) -> np.ndarray:
     """Return measured − model in standard deviations of the noise, (2, n); NaN without a measurement."""
-    misfit = problem.measured - problem.predict(candidate_fit.estimate.values)
+    misfit = problem.measured - problem.predict(model_fit.estimate.values)
     sd = [
         np.full(problem.n, np.nan) if channel_noise is None else channel_noise.sd
-        for channel_noise in candidate_fit.noise.channels
+        for channel_noise in model_fit.noise.channels
     ]
     return misfit / np.stack(sd)
 

@@ -7,7 +7,7 @@ from pamjax.diagnosis.crossval.block_cross_validation import BlockCrossValidatio
 from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import build_library_problem
-from pamjax.diagnosis.refit.candidate_fit import fit_candidate
+from pamjax.diagnosis.refit.model_fit import fit_model
 from pamjax.diagnosis.select.neighbour_fits import fit_with_candidate
 from pamjax.records.blocks import find_blocks
 from tests.diagnosis.bank import BankRecording, simulate_bank
@@ -38,7 +38,7 @@ def test_a_wrong_mechanism_has_a_small_share(unmodelled, imitator):
     case = simulate_bank(BankRecording(unmodelled=unmodelled)).case
     problem = build_library_problem(case)
     rows = np.ones(problem.n, dtype=bool)
-    baseline = fit_candidate(problem, rows, (), problem.neutral)
+    baseline = fit_model(problem, rows, (), problem.neutral)
     candidates = [c for c in build_candidates(problem) if c.id == imitator]
     directions = compute_score_directions(problem, baseline.noise, baseline.estimate, candidates)
     best = max(directions, key=lambda direction: direction.chi2_reduction)

@@ -15,7 +15,7 @@ from pamjax.diagnosis.detect.residual_test import (
 from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import build_library_problem
-from pamjax.diagnosis.refit.candidate_fit import fit_candidate
+from pamjax.diagnosis.refit.model_fit import fit_model
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.records.reading.muscle_toml import Sensors
 from tests.diagnosis.bank import BankRecording, simulate_bank
@@ -44,9 +44,9 @@ def test_a_large_residual_is_unexplained_with_and_without_stated_noise(is_stated
         case = replace(case, muscle_toml=replace(case.muscle_toml, sensors=Sensors()))
     problem = build_library_problem(case)
     rows = np.ones(problem.n, dtype=bool)
-    baseline = fit_candidate(problem, rows, (), problem.neutral)
+    baseline = fit_model(problem, rows, (), problem.neutral)
     drift = next(candidate for candidate in build_candidates(problem) if candidate.id == "force_drift")
-    model = fit_candidate(problem, rows, [drift], problem.neutral)
+    model = fit_model(problem, rows, [drift], problem.neutral)
     baseline_test, residual_test = run_baseline_test(problem, baseline), run_residual_test(problem, model)
     assert residual_test.mean_square > 2
     assert is_residual_significant(baseline_test, residual_test, DEFAULT_SETTINGS)

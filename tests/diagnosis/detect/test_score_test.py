@@ -8,8 +8,8 @@ import pytest
 from pamjax.diagnosis.detect.score_test import _fit_bounded_amplitudes, compute_score_directions
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import build_library_problem
-from pamjax.diagnosis.refit.candidate_fit import fit_candidate, get_free_indices
 from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.model_fit import fit_model, get_free_indices
 from tests.agreement import ROUNDING, agree
 from tests.diagnosis.bank import BankRecording, simulate_bank
 
@@ -66,7 +66,7 @@ def test_parameter_at_its_limit_absorbs_no_further_misfit():
     problem = dataclasses.replace(
         problem, measured=np.stack([1.1 * problem.measured[0], np.full(problem.n, np.nan)])
     )
-    baseline = fit_candidate(problem, np.ones(problem.n, dtype=bool), (), problem.neutral)
+    baseline = fit_model(problem, np.ones(problem.n, dtype=bool), (), problem.neutral)
     gain = next(form for form in build_candidates(problem) if form.id == "force_gain")
     (seen,) = compute_score_directions(problem, baseline.noise, baseline.estimate, [gain])
     # Not completely, because the amplitudes are linearised.
@@ -107,7 +107,7 @@ def test_form_explains_misfit_that_the_baseline_parameters_absorbed():
     problem = dataclasses.replace(
         problem, measured=np.stack([1.01 * problem.measured[0], np.full(problem.n, np.nan)])
     )
-    baseline = fit_candidate(problem, np.ones(problem.n, dtype=bool), (), problem.neutral)
+    baseline = fit_model(problem, np.ones(problem.n, dtype=bool), (), problem.neutral)
     gain = next(form for form in build_candidates(problem) if form.id == "force_gain")
     (seen,) = compute_score_directions(problem, baseline.noise, baseline.estimate, [gain])
     at = fit_parameters(problem, baseline.noise, get_free_indices(problem, (gain,)), baseline.estimate.values)

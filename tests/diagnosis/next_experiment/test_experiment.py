@@ -16,7 +16,7 @@ from pamjax.diagnosis.next_experiment.experiment import (
 )
 from pamjax.diagnosis.next_experiment.power import LinearisedModel, compute_power_and_limit
 from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed
-from pamjax.diagnosis.refit.candidate_fit import fit_candidate, switch_on_candidate
+from pamjax.diagnosis.refit.model_fit import fit_model, switch_on_candidate
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.planning.discriminate import fit_baseline
 from tests.agreement import SOLVED, agree
@@ -113,13 +113,13 @@ def tied(name, rival):
     envelope = inject_effects(1, rng, setup=setup, only=name, smallest=3.0, largest=4.0)
     problem = build_library_problem(envelope.case)
     used = np.ones(problem.n, bool)
-    bare = fit_candidate(problem, used, (), problem.neutral)
+    bare = fit_model(problem, used, (), problem.neutral)
     shown = compute_score_directions(
         problem, bare.noise, bare.estimate, [f for f in build_candidates(problem) if f.id == name]
     )
     best = max(shown, key=lambda s: s.chi2_reduction)
     start = switch_on_candidate(problem, bare.estimate.values, best.candidate, best.amplitudes)
-    model = fit_candidate(problem, used, (best.candidate,), start)
+    model = fit_model(problem, used, (best.candidate,), start)
     other = fit_rival(problem, model, name, rival)
     assert other is not None
     return evaluate_protocols(SimulatedTestbed.from_fit(problem, model), model, other, (name, rival))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pamjax.diagnosis.library.library_problem import build_library_problem
-from pamjax.diagnosis.refit.candidate_fit import fit_candidate
+from pamjax.diagnosis.refit.model_fit import fit_model
 from pamjax.infer.fitting.fit import fit
 from tests.diagnosis.bank import BankRecording, simulate_bank
 
@@ -20,9 +20,7 @@ from tests.diagnosis.bank import BankRecording, simulate_bank
 def test_fit_and_baseline_agree(definition):
     case = simulate_bank(definition).case
     problem = build_library_problem(case)
-    baseline = fit_candidate(
-        problem, np.ones(problem.n, dtype=bool), (), problem.neutral, max_noise_ratio=1.0
-    )
+    baseline = fit_model(problem, np.ones(problem.n, dtype=bool), (), problem.neutral, max_noise_ratio=1.0)
     fitted = fit(case, starts=1, fold_count=2)
     assert (baseline.variance_inflation > 5) == (definition.effect_count > 0)
     compared = 0

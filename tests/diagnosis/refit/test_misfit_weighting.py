@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.refit.candidate_fit import fit_candidate
 from pamjax.diagnosis.refit.misfit_weighting import (
     fit_with_misfit_weight,
     reweight_by_misfit,
 )
+from pamjax.diagnosis.refit.model_fit import fit_model
 from tests.diagnosis.bank import UNMODELLED_FORCES, replace_readings, simulate_without_noise
 
 
@@ -26,7 +26,7 @@ def build_problem(with_obstacle):
 
 def fit_baseline(problem, values=None):
     values = problem.neutral if values is None else values
-    return fit_candidate(problem, np.ones(problem.n, bool), (), values)
+    return fit_model(problem, np.ones(problem.n, bool), (), values)
 
 
 def fit_weighted(problem, values=None):

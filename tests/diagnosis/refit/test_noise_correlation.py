@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 from pamjax.records.simulate import draw_ar1_noise
@@ -32,7 +32,7 @@ def fit_with_correlation(problem, correlation, stated=True):
     """Return a fit with an assumed correlation."""
     noise = build_noise(Ar1Noise(np.full(problem.n, FORCE_SD), SLOW_SHARE, correlation, stated))
     free = [problem.index(name) for name in FREE]
-    return CandidateFit((), noise, fit_parameters(problem, noise, free, problem.neutral))
+    return ModelFit((), noise, fit_parameters(problem, noise, free, problem.neutral))
 
 
 def get_correlation(fit):

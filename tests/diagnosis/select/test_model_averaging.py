@@ -7,8 +7,8 @@ import pytest
 
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import build_library_problem
-from pamjax.diagnosis.refit.candidate_fit import fit_candidate, get_free_indices, switch_on_candidate
 from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.model_fit import fit_model, get_free_indices, switch_on_candidate
 from pamjax.diagnosis.select.model_averaging import _weigh_minima, average_models
 from pamjax.diagnosis.select.selection import NamedMechanism
 from tests.diagnosis.bank import BankRecording, simulate_bank
@@ -49,7 +49,7 @@ def fit_from_truth(ground_truth):
     problem = build_library_problem(ground_truth.case)
     values = np.array([ground_truth.true_values[name] for name in problem.names])
     rows = np.ones(problem.n, dtype=bool)
-    return problem, fit_candidate(problem, rows, ground_truth.candidates, values)
+    return problem, fit_model(problem, rows, ground_truth.candidates, values)
 
 
 def test_sd_includes_the_shift_of_a_tie():

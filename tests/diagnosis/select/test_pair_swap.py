@@ -6,7 +6,7 @@ import numpy as np
 
 from pamjax.diagnosis.detect.score_test import ScoreDirection
 from pamjax.diagnosis.library.candidates import Candidate
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.select.pair_swap import rank_pairs
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from tests.diagnosis.plain_fits import build_fit
@@ -15,7 +15,7 @@ ROWS = 300
 SAME_PAIR_CHI2_SHARE = DEFAULT_SETTINGS.same_pair_chi2_share
 
 
-def build_score_directions(directions) -> tuple[list[ScoreDirection], CandidateFit]:
+def build_score_directions(directions) -> tuple[list[ScoreDirection], ModelFit]:
     """Return score directions of mechanisms a, b, … with one amplitude each, and a fit without mechanisms."""
     norms = np.linalg.norm(directions, axis=1)
     scored = [

@@ -9,7 +9,7 @@ from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.outside.template_context import build_template_context
 from pamjax.diagnosis.outside.templates import build_templates
-from pamjax.diagnosis.refit.candidate_fit import fit_candidate
+from pamjax.diagnosis.refit.model_fit import fit_model
 from pamjax.diagnosis.select.replace_by_template import replace_by_template
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.records.blocks import find_blocks
@@ -27,10 +27,10 @@ def select_by_hand(unmodelled):
     definition = BankRecording(1, only=PRESENT, smallest=8.0, largest=8.0, unmodelled=unmodelled)
     problem = build_library_problem(simulate_bank(definition).case)
     rows = np.ones(problem.n, dtype=bool)
-    baseline = fit_candidate(problem, rows, (), problem.neutral)
+    baseline = fit_model(problem, rows, (), problem.neutral)
     candidates = {candidate.id: candidate for candidate in build_candidates(problem)}
     ids = (PRESENT, *IMITATORS)
-    fit = fit_candidate(problem, rows, [candidates[id] for id in ids], problem.neutral)
+    fit = fit_model(problem, rows, [candidates[id] for id in ids], problem.neutral)
     names = tuple(NamedMechanism(id, 1.0, (), 100.0) for id in ids)
     recording = problem.case.recording
     context = build_template_context(problem, recording.length, find_blocks(recording), baseline)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 from pamjax.infer.noise.noise_model import NoiseModel
 from tests.diagnosis.plain_fits import build_estimate, build_fit, build_noise
@@ -43,9 +43,9 @@ def test_models_with_different_noise_are_compared_by_the_likelihood():
     )
     residual = np.random.default_rng(0).standard_normal((2, n))
 
-    def build_fit(noise: NoiseModel) -> CandidateFit:
+    def build_fit(noise: NoiseModel) -> ModelFit:
         chi2 = float(np.sum(noise.whiten(residual) ** 2))
-        return CandidateFit((), noise, build_estimate((), chi2=chi2))
+        return ModelFit((), noise, build_estimate((), chi2=chi2))
 
     lag = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
     covariance = np.outer(channel.sd, channel.sd) * (0.7 * 0.8**lag + 0.3 * np.eye(n))

@@ -21,11 +21,11 @@ _NOISE_ROUNDS = 2
 
 
 @dataclass(frozen=True, eq=False)
-class CandidateFit:
-    """A refitted baseline with candidate mechanisms.
+class ModelFit:
+    """Fit of a model: the baseline with some mechanisms, or the baseline alone.
 
     Attributes:
-        mechanisms: the candidates in the model, in the order in which they were added.
+        mechanisms: the mechanisms in the model, each in the form that was added, in the order of addition.
         noise: noise model, estimated from the residual of this model.
         estimate: the estimated parameters.
         input_noise_chi2: expected χ² due to input noise that the noise model does not include.
@@ -102,13 +102,13 @@ class CandidateFit:
         return float(np.sqrt(max(self.covariance[k, k], 0.0)))
 
 
-def fit_candidate(
+def fit_model(
     problem: LibraryProblem,
     training_rows: np.ndarray,
     mechanisms: Sequence[Candidate],
     values: np.ndarray,
     max_noise_ratio: float | None = None,
-) -> CandidateFit:
+) -> ModelFit:
     """Return the baseline refitted with some candidates, with noise estimated from its own residual.
 
     Args:
@@ -129,9 +129,9 @@ def fit_candidate(
 
 def build_corrected_fit(
     problem: LibraryProblem, mechanisms: tuple[Candidate, ...], noise: NoiseModel, estimate: MapEstimate
-) -> CandidateFit:
+) -> ModelFit:
     """Return the fit after correction of the bias due to input noise."""
-    return CandidateFit(mechanisms, noise, *correct_input_noise_bias(problem, noise, estimate))
+    return ModelFit(mechanisms, noise, *correct_input_noise_bias(problem, noise, estimate))
 
 
 def get_parameter_indices(problem: LibraryProblem, mechanisms: Sequence[Candidate]) -> list[int]:
@@ -175,7 +175,7 @@ def switch_off_candidate(problem: LibraryProblem, values: np.ndarray, candidate:
     return out
 
 
-def compute_unabsorbed_effect(problem: LibraryProblem, fit: CandidateFit, candidate: Candidate) -> np.ndarray:
+def compute_unabsorbed_effect(problem: LibraryProblem, fit: ModelFit, candidate: Candidate) -> np.ndarray:
     """Return the part of a candidate's effect that a refit of the baseline does not absorb, SI, (2, n)."""
     values = fit.estimate.values
     for other in fit.mechanisms:
