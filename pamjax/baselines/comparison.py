@@ -176,7 +176,7 @@ def compare_models(diagnosis: Diagnosis, seed: int = 0) -> ModelComparison | Non
         )
     noise = {}
     for c, channel in enumerate(CHANNELS):
-        channel_noise, rows = diagnosis.model.noise.channels[c], diagnosis.model.noise.rows[c]
+        channel_noise, rows = diagnosis.model.noise.by_channel[c], diagnosis.model.noise.rows[c]
         if channel_noise is not None:
             noise[channel] = float(np.sqrt(np.mean(channel_noise.sd[rows] ** 2)))
     return ModelComparison(tuple(splits), noise)

@@ -85,8 +85,8 @@ def compute_bic(chi2: float, samples: int, parameters: int) -> float:
 
 
 def _remove_correlation(noise: NoiseModel) -> NoiseModel:
-    channels = tuple(c and dataclasses.replace(c, correlation=0.0) for c in noise.channels)
-    return dataclasses.replace(noise, channels=channels)
+    channels = tuple(c and dataclasses.replace(c, correlation=0.0) for c in noise.by_channel)
+    return dataclasses.replace(noise, by_channel=channels)
 
 
 def _fit_with_candidate(

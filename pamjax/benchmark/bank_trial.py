@@ -131,7 +131,7 @@ def _compute_held_out_error(
     misfit = problem.measured - problem.predict(fit.estimate.values)
     parts = [
         (misfit[c] / channel.sd)[rows]
-        for c, channel in enumerate(reference.noise.channels)
+        for c, channel in enumerate(reference.noise.by_channel)
         if channel is not None
     ]
     return float(np.sqrt(np.nanmean(np.concatenate(parts) ** 2)))

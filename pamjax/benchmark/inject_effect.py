@@ -239,7 +239,7 @@ def _compute_effect(
     )
     sd = [
         np.broadcast_to(channel.sd, problem.n) if channel else np.ones(problem.n)
-        for channel in noise.channels
+        for channel in noise.by_channel
     ]
     return np.where(np.isnan(problem.measured), np.nan, effect), np.array(sd)
 
@@ -321,7 +321,7 @@ def _add_unmodelled_effect(
         effect = prediction - problem.predict(
             fit_parameters(as_measured, noise, baseline_indices, values).values
         )
-        channel = noise.channels[0]
+        channel = noise.by_channel[0]
         assert channel is not None
         size = float(np.sqrt(np.nanmean((effect[0] / channel.sd) ** 2)))
         if abs(math.log(target_size / max(size, 1e-9))) < 0.05:

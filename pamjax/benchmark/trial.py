@@ -302,7 +302,7 @@ def _compare_with_truth(
 def _compute_noise_sd(diagnosis: Diagnosis) -> np.ndarray:
     """Return the effective noise of every sample, (2, n), SI."""
     out = np.ones((len(CHANNELS), diagnosis.problem.n))
-    for c, channel in enumerate(diagnosis.model.noise.channels):
+    for c, channel in enumerate(diagnosis.model.noise.by_channel):
         if channel is not None:
             out[c] = np.broadcast_to(channel.sd, diagnosis.problem.n)
     return out

@@ -253,7 +253,7 @@ def _compute_channel_rmse(problem: LibraryProblem, fit: ModelFit) -> dict[str, f
 def _serialise_noise(diagnosis: Diagnosis) -> dict[str, Any]:
     out = {}
     for c, channel in enumerate(diagnosis.problem.channels):
-        channel_noise, rows = diagnosis.model.noise.channels[c], diagnosis.model.noise.rows[c]
+        channel_noise, rows = diagnosis.model.noise.by_channel[c], diagnosis.model.noise.rows[c]
         if channel_noise is None:
             continue
         out[channel] = {

@@ -111,7 +111,7 @@ def _compute_rms(standardised: np.ndarray) -> float:
 
 def _standardise_channel(problem: LibraryProblem, fit: ModelFit, values: np.ndarray, c: int) -> np.ndarray:
     """Return one channel over its noise, (n,), also in held-out rows; NaN where it was not measured."""
-    channel_noise = fit.noise.channels[c]
+    channel_noise = fit.noise.by_channel[c]
     if channel_noise is None:
         return np.full(problem.n, np.nan)
     return np.where(np.isfinite(problem.measured[c]), values[c] / channel_noise.sd, np.nan)
@@ -158,7 +158,7 @@ def _build_box(
         inside &= (values >= low) & (values <= high)
     if direction != "both":
         inside &= axes.direction == (SHORTENING if direction == "shortening" else LENGTHENING)
-    channel, channel_noise = problem.channels[c], fit.noise.channels[c]
+    channel, channel_noise = problem.channels[c], fit.noise.by_channel[c]
     sd = np.zeros(weight.size) if channel_noise is None else channel_noise.sd
     description = _format_box(
         settings, channel, direction, pressure, contraction, signed, inside, axes, sd, reference

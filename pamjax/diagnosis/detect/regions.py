@@ -110,7 +110,7 @@ def compute_region_shifts(problem: LibraryProblem, noise: NoiseModel) -> np.ndar
     masks = split_into_regions(build_axes(problem), problem.settings)
     out = []
     for c in range(len(CHANNELS)):
-        channel = noise.channels[c]
+        channel = noise.by_channel[c]
         if channel is None:
             continue
         for mask in masks:

@@ -24,7 +24,7 @@ def run_baseline_test(problem: LibraryProblem, baseline: ModelFit, seed: int = 0
         baseline: refit of the baseline to the rows in use.
         seed: seed of the random draws for the p-value.
     """
-    if any(channel and math.isfinite(channel.degrees_of_freedom) for channel in baseline.noise.channels):
+    if any(channel and math.isfinite(channel.degrees_of_freedom) for channel in baseline.noise.by_channel):
         baseline = fit_model(problem, np.ones(problem.n, dtype=bool), (), baseline.estimate.values)
     return run_residual_test(problem, baseline, seed)
 

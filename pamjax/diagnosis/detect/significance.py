@@ -217,7 +217,7 @@ def _sample_tail(deviation: np.ndarray, degrees_of_freedom: float, rng: np.rando
 
 def _find_degrees_of_freedom(noise: NoiseModel) -> float:
     """Return the lowest degrees of freedom of a channel's noise estimate; infinite if all are stated."""
-    return min((channel.degrees_of_freedom for channel in noise.channels if channel), default=math.inf)
+    return min((channel.degrees_of_freedom for channel in noise.by_channel if channel), default=math.inf)
 
 
 def _test_mean_squares(
@@ -232,7 +232,7 @@ def _test_mean_squares(
     if isinstance(noise, DiscrepancyNoise):
         residual = residual - noise.estimate_discrepancy(residual)
     mean_square, largest, largest_of_stated = 1.0, -math.inf, -math.inf
-    for c, channel in enumerate(noise.channels):
+    for c, channel in enumerate(noise.by_channel):
         if channel is None or noise.rows[c].size == 0:
             continue
         standardised = noise.standardise(residual, c)[noise.rows[c]]

@@ -56,7 +56,7 @@ class SimulatedTestbed:
         """Return the testbed of a recording and its fitted model."""
         recording, sensors = problem.case.recording, problem.case.muscle_toml.sensors
         step, end_time, duration = _read_clock(recording)
-        channels = fit.noise.channels
+        channels = fit.noise.by_channel
         observed_sd = [
             CAMERA_SD_M if channel is None else fit.noise.compute_rms_sd(c)
             for c, channel in enumerate(channels)
@@ -123,13 +123,13 @@ class SimulatedTestbed:
             rows.append(channel_rows)
             runs.append(np.array([[0, channel_rows.size]]) if channel_rows.size else np.zeros((0, 2), int))
             rho, per = self.correlations[c]
-            ar1_share = (
+            ar1_fraction = (
                 float(np.mean((self.sd_inflation * self.sensor_sd[c] / sd[c][channel_rows]) ** 2))
                 if channel_rows.size
                 else 1.0
             )
             channels.append(
-                Ar1Noise(sd[c], ar1_share, rho ** (step / per), True) if channel_rows.size else None
+                Ar1Noise(sd[c], ar1_fraction, rho ** (step / per), True) if channel_rows.size else None
             )
         return NoiseModel(tuple(channels), tuple(rows), tuple(runs))
 

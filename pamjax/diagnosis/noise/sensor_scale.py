@@ -35,7 +35,7 @@ def compute_noise_ratios(problem: LibraryProblem, values: np.ndarray) -> dict[st
         for c, (channel, stated) in enumerate(
             zip(problem.channels, get_stated_sds(problem.case), strict=True)
         )
-        if stated_noise.channels[c] is not None
+        if stated_noise.by_channel[c] is not None
     }
 
 

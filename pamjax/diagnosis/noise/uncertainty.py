@@ -67,7 +67,7 @@ def estimate_noise_uncertainty(
         settings: thresholds of the diagnosis.
     """
     parts, begin = [], 0
-    for channel, rows in zip(noise.channels, noise.rows, strict=True):
+    for channel, rows in zip(noise.by_channel, noise.rows, strict=True):
         part = directions[:, begin : begin + rows.size]
         begin += rows.size
         parts.append(_compute_channel_variances(channel, part, settings))
@@ -137,11 +137,11 @@ def _compute_correlation_nodes(channel: Ar1Noise, samples: int, settings: Diagno
 
 
 def _compute_spectral_density(
-    ar1_share: float, correlation: float, variance_factor: float, phase: np.ndarray
+    ar1_fraction: float, correlation: float, variance_factor: float, phase: np.ndarray
 ) -> np.ndarray:
     """Return the noise spectrum at e^(−iω) for unit variance, with a factor on the correlated part."""
     return (
         1
-        - ar1_share
-        + variance_factor * ar1_share * (1 - correlation**2) / np.abs(1 - correlation * phase) ** 2
+        - ar1_fraction
+        + variance_factor * ar1_fraction * (1 - correlation**2) / np.abs(1 - correlation * phase) ** 2
     )

@@ -42,7 +42,7 @@ def fit_noise_correlation(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
         return fit
     compute_deviance, noise = _build_restricted_deviance(problem, fit), fit.noise
     for _ in range(problem.settings.correlation_sweeps):
-        for c, channel in enumerate(noise.channels):
+        for c, channel in enumerate(noise.by_channel):
             if channel is not None and channel.stated and not channel.degrees_of_freedom < np.inf:
                 noise = (
                     _fit_channel_correlation(
@@ -87,11 +87,11 @@ def _fit_channel_correlation(
     """Return the noise model with the most likely correlation of one channel."""
 
     def set_correlation(rho: float) -> NoiseModel:
-        channel = noise.channels[c]
+        channel = noise.by_channel[c]
         assert channel is not None
-        channels = list(noise.channels)
-        channels[c] = replace(channel, correlation=float(rho), rho_from_differences=float(rho))
-        return replace(noise, channels=tuple(channels))
+        by_channel = list(noise.by_channel)
+        by_channel[c] = replace(channel, correlation=float(rho), rho_from_differences=float(rho))
+        return replace(noise, by_channel=tuple(by_channel))
 
     trials = [rho for rho in _TRIAL_CORRELATIONS if rho < max_correlation] + [max_correlation]
     k = int(np.argmin([compute_deviance(set_correlation(rho)) for rho in trials]))
@@ -107,5 +107,5 @@ def _fit_channel_correlation(
 def _has_correlation_changed(before: NoiseModel, after: NoiseModel, min_change: float) -> bool:
     return any(
         a is not None and b is not None and abs(a.correlation - b.correlation) > min_change
-        for a, b in zip(before.channels, after.channels, strict=True)
+        for a, b in zip(before.by_channel, after.by_channel, strict=True)
     )

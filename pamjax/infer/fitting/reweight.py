@@ -136,7 +136,7 @@ def _whiten_dataset(
     weights, noise = np.zeros((2, dataset.rows.pressure.size)), {}
     fitted_parameters = _count_effective_parameters(solution)
     names = case.recording.model_channels
-    for k, (name, channel, rows) in enumerate(zip(names, model.channels, model.rows, strict=True)):
+    for k, (name, channel, rows) in enumerate(zip(names, model.by_channel, model.rows, strict=True)):
         if channel is None:
             continue
         weights[k, rows] = 1 / channel.sd[rows]

@@ -91,7 +91,7 @@ def add_discrepancy(noise: NoiseModel, columns: np.ndarray, owners: Sequence[str
     if isinstance(noise, DiscrepancyNoise):
         columns = np.concatenate([noise.columns, columns])
         owners = (*noise.owners, *owners)
-    fields = {"channels": noise.channels, "rows": noise.rows, "runs": noise.runs, "weight": noise.weight}
+    fields = {"by_channel": noise.by_channel, "rows": noise.rows, "runs": noise.runs, "weight": noise.weight}
     return DiscrepancyNoise(**fields, columns=columns, owners=tuple(owners))
 
 

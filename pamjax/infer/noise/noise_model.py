@@ -18,13 +18,13 @@ class NoiseModel:
     """Noise of force and diameter, which whitens (…, 2, n) residuals or derivatives, SI, to unit variance.
 
     Attributes:
-        channels: noise by channel; None for a channel without measurements.
+        by_channel: noise of each channel; None for a channel without measurements.
         rows: by channel, the rows in use, in order.
         runs: by channel, (k, 2) begin and end of the continuous runs in `rows`.
         weight: factor on all whitened values; below one for a model with systematic misfit.
     """
 
-    channels: tuple[Ar1Noise | None, ...]
+    by_channel: tuple[Ar1Noise | None, ...]
     rows: tuple[np.ndarray, ...]
     runs: tuple[np.ndarray, ...]
     weight: float = 1.0
@@ -38,7 +38,7 @@ class NoiseModel:
     def log_determinant(self) -> float:
         """Return the logarithm of the determinant of the noise covariance, SI."""
         out = -2 * self.size * math.log(self.weight)
-        for channel, rows, runs in zip(self.channels, self.rows, self.runs, strict=True):
+        for channel, rows, runs in zip(self.by_channel, self.rows, self.runs, strict=True):
             if channel is not None:
                 out += 2 * float(np.sum(np.log(channel.sd[rows])))
                 out += 2 * sum(channel.sum_log_sd(int(last - first)) for first, last in runs)
@@ -46,7 +46,7 @@ class NoiseModel:
 
     def compute_rms_sd(self, c: int) -> float:
         """Return the rms of the sds of a channel's samples, SI; infinite without measurements."""
-        channel = self.channels[c]
+        channel = self.by_channel[c]
         return math.inf if channel is None else float(np.sqrt(np.mean(channel.sd[self.rows[c]] ** 2)))
 
     def restrict_to_rows(self, mask: np.ndarray) -> NoiseModel:
@@ -63,12 +63,12 @@ class NoiseModel:
         arrays = [self._build_channel_filter(c, size) for c in range(len(CHANNELS))]
         order, position, feedback, sd = (jnp.asarray(np.stack(a)) for a in zip(*arrays, strict=True))
         correlation = jnp.asarray(
-            [c.correlation if c is not None and c.ar1_fraction > 0 else 0.0 for c in self.channels]
+            [c.correlation if c is not None and c.ar1_fraction > 0 else 0.0 for c in self.by_channel]
         )
         return Whitening(order, position, correlation, feedback, sd, jnp.asarray(1.0))
 
     def _build_channel_filter(self, c: int, size: int) -> tuple[np.ndarray, ...]:
-        channel, rows = self.channels[c], self.rows[c]
+        channel, rows = self.by_channel[c], self.rows[c]
         begins = np.zeros(rows.size, dtype=bool)
         begins[self.runs[c][:, 0]] = True
         coefficients = (
@@ -92,7 +92,7 @@ class NoiseModel:
         return self.weight * np.concatenate(parts, axis=-1)
 
     def _whiten_channel(self, values: np.ndarray, c: int) -> np.ndarray:
-        channel, rows = self.channels[c], self.rows[c]
+        channel, rows = self.by_channel[c], self.rows[c]
         assert channel is not None
         standardised = values[..., rows] / channel.sd[rows]
         if channel.correlation == 0:
@@ -104,7 +104,7 @@ class NoiseModel:
     def standardise(self, values: np.ndarray, c: int) -> np.ndarray:
         """Return one channel over its standard deviation, (…, n), not whitened; NaN in rows not in use."""
         out = np.full(values.shape[:-2] + values.shape[-1:], np.nan)
-        channel, rows = self.channels[c], self.rows[c]
+        channel, rows = self.by_channel[c], self.rows[c]
         if channel is not None:
             out[..., rows] = values[..., c, rows] / channel.sd[rows]
         return out

@@ -152,7 +152,7 @@ def build_noise_parameters(
         if not measured.any():
             continue
         order, position = _order_samples(measured, case.recording.is_run_start)
-        neighbours = None if model is None else model.channels[k]
+        neighbours = None if model is None else model.by_channel[k]
         own_sd = _estimate_own_sd(misfit[k][measured], propagated_sd[k][measured])
         if neighbours is not None:
             neighbour_sd = math.sqrt(

@@ -63,7 +63,7 @@ def _compute_standard_residual(problem: LibraryProblem, model_fit: ModelFit) -> 
     misfit = problem.measured - problem.predict(model_fit.estimate.values)
     sd = [
         np.full(problem.n, np.nan) if channel_noise is None else channel_noise.sd
-        for channel_noise in model_fit.noise.channels
+        for channel_noise in model_fit.noise.by_channel
     ]
     return misfit / np.stack(sd)
 

@@ -236,7 +236,7 @@ def _list_assumptions(diagnosis: Diagnosis) -> Iterator[str]:
     yield f"The baseline is a braid of {problem.law} threads. Priors of its parameters: {priors}."
     for channel, noise in diagnosis.as_dict()["noise"].items():
         channel_index = diagnosis.problem.channels.index(channel)
-        channel_noise = diagnosis.model.noise.channels[channel_index]
+        channel_noise = diagnosis.model.noise.by_channel[channel_index]
         assert channel_noise is not None
         correlation_text = (
             f" The autocorrelation of adjacent rows is {channel_noise.correlation:.2f}."

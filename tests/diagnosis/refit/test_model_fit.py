@@ -39,7 +39,7 @@ def test_models_with_different_noise_are_compared_by_the_likelihood():
     n, channel = 12, Ar1Noise(np.linspace(0.5, 2.0, 12), 0.7, 0.8, True)
     noise = build_noise(channel)
     louder_noise = dataclasses.replace(
-        noise, channels=(dataclasses.replace(channel, sd=9 * channel.sd), None)
+        noise, by_channel=(dataclasses.replace(channel, sd=9 * channel.sd), None)
     )
     residual = np.random.default_rng(0).standard_normal((2, n))
 

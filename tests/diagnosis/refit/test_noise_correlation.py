@@ -36,7 +36,7 @@ def fit_with_correlation(problem, correlation, stated=True):
 
 
 def get_correlation(fit):
-    return fit.noise.channels[0].correlation
+    return fit.noise.by_channel[0].correlation
 
 
 def compute_mean_error(fits):

@@ -124,8 +124,8 @@ def test_sd_without_correction_is_too_small(monkeypatch):
 
     def ignore_correlation(*arguments):
         noise = estimate(*arguments)
-        channels = (c and dataclasses.replace(c, correlation=0.0) for c in noise.channels)
-        return dataclasses.replace(noise, channels=tuple(channels))
+        channels = (c and dataclasses.replace(c, correlation=0.0) for c in noise.by_channel)
+        return dataclasses.replace(noise, by_channel=tuple(channels))
 
     monkeypatch.setattr(module, "estimate_noise_model", ignore_correlation)
     assert widening(0.8) < 0.65 * np.sqrt(worth(0.8))
