@@ -51,12 +51,12 @@ class Split:
     Attributes:
         name: as "rest length held out".
         test_rows: (n,) masks; "in sample" they are also training rows.
-        training_rows: (n,) masks of the rows of each fit, in the order of `test_rows`.
+        training_mask: (n,) masks of the rows of each fit, in the order of `test_rows`.
     """
 
     name: str
     test_rows: tuple[np.ndarray, ...]
-    training_rows: tuple[np.ndarray, ...]
+    training_mask: tuple[np.ndarray, ...]
 
 
 @dataclass(frozen=True)
@@ -215,9 +215,9 @@ def _build_formulas(case: Case) -> dict[str, Model]:
 
 def _compute_score(model: Model, split: Split, force: np.ndarray) -> Score:
     misfit, remarks = [], []
-    for test_rows, training_rows in zip(split.test_rows, split.training_rows, strict=True):
+    for test_rows, training_mask in zip(split.test_rows, split.training_mask, strict=True):
         try:
-            predicted, remark = model(training_rows)
+            predicted, remark = model(training_mask)
         except BadInput as error:
             return Score(None, str(error))
         misfit.append((force - predicted)[test_rows])

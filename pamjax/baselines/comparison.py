@@ -67,14 +67,14 @@ class ComparisonSplit:
     Attributes:
         name: "held out" or "extrapolation".
         rows_description: the held-out rows, in words.
-        held_out_rows: (n,) mask of the held-out rows.
+        held_out_mask: (n,) whether a row is held out.
         rmse: root mean square error by model and channel, SI; a model that cannot be fitted is missing.
         remarks: notes on the fit, by model.
     """
 
     name: str
     rows_description: str
-    held_out_rows: np.ndarray
+    held_out_mask: np.ndarray
     rmse: dict[str, dict[str, float]]
     remarks: dict[str, str]
 
@@ -155,14 +155,14 @@ def compare_models(diagnosis: Diagnosis, seed: int = 0) -> ModelComparison | Non
     if problem.case.recording.measures_length:
         return None
     splits = []
-    if errors.held_out_rows.any():
+    if errors.held_out_mask.any():
         rows = errors.block_description.split(": ")[-1]
         splits.append(
             _evaluate_split(
                 diagnosis,
                 _HELD_OUT_SPLIT,
                 rows,
-                errors.held_out_rows,
+                errors.held_out_mask,
                 errors.baseline_prediction,
                 errors.model_prediction,
                 seed,
@@ -202,15 +202,15 @@ def find_extrapolation_rows(problem: LibraryProblem) -> tuple[np.ndarray, str]:
     return short, f"lengths below {format_quantity(low + _EXTRAPOLATION_RANGE_SHARE * (high - low), 'mm', 3)}"
 
 
-def _predict_without_rows(diagnosis: Diagnosis, held_out_rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _predict_without_rows(diagnosis: Diagnosis, held_out_mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the predictions of the baseline and of the selected model, refitted without some rows."""
     problem = diagnosis.problem
-    baseline = fit_model(problem, ~held_out_rows, (), diagnosis.baseline.estimate.values)
+    baseline = fit_model(problem, ~held_out_mask, (), diagnosis.baseline.estimate.values)
     prediction = problem.predict(baseline.estimate.values)
     if not diagnosis.named_mechanisms:
         return prediction, prediction
     model = fit_with_misfit_weight(
-        problem, ~held_out_rows, diagnosis.model.mechanisms, diagnosis.selection.start_values
+        problem, ~held_out_mask, diagnosis.model.mechanisms, diagnosis.selection.start_values
     )
     return prediction, problem.predict(model.estimate.values)
 
@@ -219,7 +219,7 @@ def _evaluate_split(
     diagnosis: Diagnosis,
     name: str,
     rows: str,
-    held_out_rows: np.ndarray,
+    held_out_mask: np.ndarray,
     baseline_prediction: np.ndarray,
     model_prediction: np.ndarray,
     seed: int,
@@ -230,15 +230,15 @@ def _evaluate_split(
     if diagnosis.named_mechanisms:
         predictions[SELECTED_MODEL] = model_prediction
     try:
-        force, remark = _predict_sarosi(problem, ~held_out_rows)
+        force, remark = _predict_sarosi(problem, ~held_out_mask)
         predictions[SAROSI_MODEL] = np.stack([force, np.full(problem.n, np.nan)])
         remarks |= {SAROSI_MODEL: remark} if remark else {}
     except BadInput:
         pass
     x, residual = build_inputs(problem), problem.measured - baseline_prediction
     discrepancy = [
-        predict_discrepancy(x, residual[c], ~held_out_rows, seed)
-        if _has_enough_samples(residual[c], ~held_out_rows)
+        predict_discrepancy(x, residual[c], ~held_out_mask, seed)
+        if _has_enough_samples(residual[c], ~held_out_mask)
         else residual[c] * np.nan
         for c in (0, 1)
     ]
@@ -246,20 +246,20 @@ def _evaluate_split(
     return ComparisonSplit(
         name,
         rows,
-        held_out_rows,
-        {m: compute_rmse(problem, v, held_out_rows) for m, v in predictions.items()},
+        held_out_mask,
+        {m: compute_rmse(problem, v, held_out_mask) for m, v in predictions.items()},
         remarks,
     )
 
 
-def _has_enough_samples(residual: np.ndarray, training_rows: np.ndarray) -> bool:
-    return int(np.count_nonzero(np.isfinite(residual) & training_rows)) >= _MIN_GP_SAMPLES
+def _has_enough_samples(residual: np.ndarray, training_mask: np.ndarray) -> bool:
+    return int(np.count_nonzero(np.isfinite(residual) & training_mask)) >= _MIN_GP_SAMPLES
 
 
-def _predict_sarosi(problem: LibraryProblem, training_rows: np.ndarray) -> tuple[np.ndarray, str]:
+def _predict_sarosi(problem: LibraryProblem, training_mask: np.ndarray) -> tuple[np.ndarray, str]:
     recording = problem.case.recording
     contraction = 1 - recording.length / problem.case.muscle_toml.rest_length.value
-    force = np.where(training_rows, problem.measured[0], np.nan)
+    force = np.where(training_mask, problem.measured[0], np.nan)
     law = fit_sarosi(recording.pressure, contraction, force)
     return law.force(recording.pressure, contraction), (
         "the exponent is at a limit of its range" if law.at_limit else ""

@@ -73,14 +73,14 @@ def find_widest_gap(values: np.ndarray) -> float:
 
 
 def predict_discrepancy(
-    x: np.ndarray, residual: np.ndarray, training_rows: np.ndarray, seed: int = 0
+    x: np.ndarray, residual: np.ndarray, training_mask: np.ndarray, seed: int = 0
 ) -> np.ndarray:
     """Fit a Gaussian process to the residual of some rows and return its prediction for all rows.
 
     Args:
         x: (n, k) standardised inputs.
         residual: (n,) measured minus baseline, any unit.
-        training_rows: (n,) mask of the training rows.
+        training_mask: (n,) whether a row is used in the fit.
         seed: seed of the second start of the search.
 
     Returns:
@@ -92,7 +92,7 @@ def predict_discrepancy(
     from threadpoolctl import threadpool_limits
 
     complete_rows = np.all(np.isfinite(x), axis=1)
-    rows = np.flatnonzero(training_rows & complete_rows & np.isfinite(residual))
+    rows = np.flatnonzero(training_mask & complete_rows & np.isfinite(residual))
     rows = rows[np.unique(np.linspace(0, rows.size - 1, min(_MAX_TRAINING_ROWS, rows.size)).astype(int))]
     out = np.full(residual.size, np.nan)
     residual_rms = float(np.sqrt(np.mean(residual[rows] ** 2))) or 1.0

@@ -45,18 +45,18 @@ class StepwiseSelection:
     force: np.ndarray
 
 
-def select_by_bic(problem: LibraryProblem, training_rows: np.ndarray) -> StepwiseSelection:
+def select_by_bic(problem: LibraryProblem, training_mask: np.ndarray) -> StepwiseSelection:
     """Select mechanisms by forward selection with BIC and independent noise.
 
     Args:
         problem: the recording and the library.
-        training_rows: (n,) mask of the rows in use.
+        training_mask: (n,) whether a row is used in the fit.
     """
     candidates = build_candidates(problem)
     baseline_indices = np.flatnonzero(problem.is_baseline).tolist()
-    noise = _remove_correlation(estimate_noise(problem, problem.neutral, training_rows))
+    noise = _remove_correlation(estimate_noise(problem, problem.neutral, training_mask))
     estimate = fit_parameters(problem, noise, baseline_indices, problem.neutral)
-    noise = _remove_correlation(estimate_noise(problem, estimate.values, training_rows))
+    noise = _remove_correlation(estimate_noise(problem, estimate.values, training_mask))
     estimate = fit_parameters(problem, noise, baseline_indices, estimate.values)
     mechanisms: list[Candidate] = []
     while len(mechanisms) < _MAX_STEPWISE_MECHANISMS:

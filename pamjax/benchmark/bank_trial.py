@@ -107,7 +107,7 @@ def _compute_held_out_ratios(diagnosis: Diagnosis) -> tuple[float, ...]:
     noise standard deviations. Above one, the mechanism makes the prediction worse. Empty without
     held-out blocks.
     """
-    problem, held_out = diagnosis.problem, diagnosis.held_out_errors.held_out_rows
+    problem, held_out = diagnosis.problem, diagnosis.held_out_errors.held_out_mask
     names = {name.id for name in diagnosis.named_mechanisms}
     if not held_out.any() or not names:
         return ()

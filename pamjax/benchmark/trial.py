@@ -16,7 +16,7 @@ from pamjax.benchmark.indistinguishable import is_indistinguishable
 from pamjax.benchmark.inject_effect import GroundTruth, inject_effects
 from pamjax.benchmark.overlap import compute_blind_overlap, compute_overlap, compute_true_boxes
 from pamjax.benchmark.setups import draw_setup
-from pamjax.diagnosis.crossval.held_out_errors import select_held_out_rows
+from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask
 from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.residual_test import run_baseline_test
 from pamjax.diagnosis.detect.significance import Significance
@@ -267,8 +267,8 @@ def draw_ground_truth(task: TrialTask) -> GroundTruth:
 def score_recording(case: Case, seed: int = 0) -> Significance:
     """Return the significance of the baseline's misfit, without a selection of mechanisms."""
     problem = build_library_problem(case)
-    training_rows = ~select_held_out_rows(find_blocks(case.recording))
-    baseline = fit_model(problem, training_rows, (), problem.neutral)
+    training_mask = ~build_held_out_mask(find_blocks(case.recording))
+    baseline = fit_model(problem, training_mask, (), problem.neutral)
     return run_baseline_test(problem, baseline, seed)
 
 
@@ -311,7 +311,7 @@ def _compute_noise_sd(diagnosis: Diagnosis) -> np.ndarray:
 def _divide_by_noise(diagnosis: Diagnosis, rmse: dict[str, float], noise: np.ndarray) -> dict[str, float]:
     out = {}
     for c, channel in enumerate(CHANNELS):
-        rows = diagnosis.held_out_errors.held_out_rows & np.isfinite(diagnosis.problem.measured[c])
+        rows = diagnosis.held_out_errors.held_out_mask & np.isfinite(diagnosis.problem.measured[c])
         if channel in rmse and rows.any():
             out[channel] = rmse[channel] / float(np.sqrt(np.mean(noise[c][rows] ** 2)))
     return out
@@ -371,14 +371,14 @@ def _build_recovered(
 
 
 def _fit_competitors(diagnosis: Diagnosis, noise: np.ndarray) -> dict[str, Any]:
-    problem, training_rows, out = diagnosis.problem, ~diagnosis.held_out_errors.held_out_rows, {}
-    selection = select_by_bic(problem, training_rows)
+    problem, training_mask, out = diagnosis.problem, ~diagnosis.held_out_errors.held_out_mask, {}
+    selection = select_by_bic(problem, training_mask)
     out["selected"] = selection.ids
     baseline = diagnosis.held_out_errors.baseline_prediction[0]
     curve = baseline + predict_discrepancy(
-        build_inputs(problem), problem.measured[0] - baseline, training_rows
+        build_inputs(problem), problem.measured[0] - baseline, training_mask
     )
-    rows = diagnosis.held_out_errors.held_out_rows & np.isfinite(problem.measured[0])
+    rows = diagnosis.held_out_errors.held_out_mask & np.isfinite(problem.measured[0])
     if rows.any():
         floor = float(np.sqrt(np.mean(noise[0][rows] ** 2)))
         for word, force in (("selected_after", selection.force), ("curve_after", curve)):

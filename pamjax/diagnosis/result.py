@@ -179,7 +179,7 @@ class Diagnosis(DrawableResult, NotebookText):
         columns: dict[str, Any] = {
             "row": recording.row,
             "block": [self.blocks.names[k] if k >= 0 else "" for k in self.blocks.label],
-            "held_out": errors.held_out_rows.astype(int),
+            "held_out": errors.held_out_mask.astype(int),
         }
         for c, channel in enumerate(self.problem.channels):
             for suffix, prediction in (

@@ -13,7 +13,7 @@ from pamjax.diagnosis.crossval.confirm_selection import (
     cross_validate_selection,
     format_dropped_mechanisms,
 )
-from pamjax.diagnosis.crossval.held_out_errors import compute_held_out_errors, select_held_out_rows
+from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask, compute_held_out_errors
 from pamjax.diagnosis.detect.locate import locate_effects, locate_residual
 from pamjax.diagnosis.detect.residual_test import (
     is_residual_significant,
@@ -150,8 +150,8 @@ def diagnose(
     problem = build_library_problem(case, settings)
     problem.start_compilation()
     blocks = find_blocks(case.recording)
-    held_out_rows = select_held_out_rows(blocks, problem.settings)
-    training = _test_baseline(problem, blocks, ~held_out_rows, seed)
+    held_out_mask = build_held_out_mask(blocks, problem.settings)
+    training = _test_baseline(problem, blocks, ~held_out_mask, seed)
     selection = (
         select_mechanisms(problem, training.rows, training.baseline, progress)
         if training.is_detected
@@ -189,7 +189,7 @@ def diagnose(
         noise_ratios=noise_ratios,
         blocks=blocks,
         held_out_errors=compute_held_out_errors(
-            problem, blocks, held_out_rows, selection.baseline, training_fit
+            problem, blocks, held_out_mask, selection.baseline, training_fit
         ),
         parameters=_collect_mechanism_estimates(problem, model),
         parameter_shifts=_compute_parameter_shifts(problem, baseline, model)
@@ -208,12 +208,12 @@ def diagnose(
 
 
 def _test_baseline(
-    problem: LibraryProblem, blocks: Blocks, training_rows: np.ndarray, seed: int
+    problem: LibraryProblem, blocks: Blocks, training_mask: np.ndarray, seed: int
 ) -> _Training:
     """Return the fit of the baseline to the training rows, and the test of its residual."""
-    baseline = fit_model(problem, training_rows, (), problem.neutral)
+    baseline = fit_model(problem, training_mask, (), problem.neutral)
     mismatch = run_baseline_test(problem, baseline, seed)
-    return _Training(problem, training_rows, blocks, baseline, mismatch, seed)
+    return _Training(problem, training_mask, blocks, baseline, mismatch, seed)
 
 
 def _build_templates(training: _Training, length: np.ndarray) -> list[Template]:

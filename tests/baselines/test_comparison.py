@@ -22,8 +22,8 @@ def test_gaussian_process_interpolates_and_returns_to_the_baseline_outside_the_d
     rng = np.random.default_rng(2)
     x = np.linspace(-2, 6, 400)[:, None]
     residual = np.where(x[:, 0] < 2, 5 * np.sin(2 * x[:, 0]), 0.0) + 0.1 * rng.standard_normal(400)
-    training_rows = (x[:, 0] < 2) & (np.abs(x[:, 0]) > 0.2)
-    prediction = predict_discrepancy(x, residual, training_rows)
+    training_mask = (x[:, 0] < 2) & (np.abs(x[:, 0]) > 0.2)
+    prediction = predict_discrepancy(x, residual, training_mask)
     inside, beyond_it = np.abs(x[:, 0]) <= 0.2, x[:, 0] > 5
     assert np.abs(prediction - 5 * np.sin(2 * x[:, 0]))[inside].max() < 0.3
     assert np.abs(prediction[beyond_it]).max() < 1.0
@@ -38,9 +38,9 @@ def between_isobars():
     x = np.stack([level + 0.003 * rng.standard_normal(300), contraction], axis=1)
     residual = np.sin(3 * contraction) * np.array([0.3, 1.7, 1.0, 0.4, 1.6])[level]
     residual += 0.03 * rng.standard_normal(300)
-    training_rows = level != 2
-    prediction = predict_discrepancy((x - x.mean(axis=0)) / x.std(axis=0), residual, training_rows)
-    return np.std((prediction - residual)[~training_rows]) / np.std(residual[~training_rows])
+    training_mask = level != 2
+    prediction = predict_discrepancy((x - x.mean(axis=0)) / x.std(axis=0), residual, training_mask)
+    return np.std((prediction - residual)[~training_mask]) / np.std(residual[~training_mask])
 
 
 def test_gaussian_process_interpolates_between_isobars(monkeypatch):
@@ -77,7 +77,7 @@ def test_mechanisms_extrapolate_better_than_a_gaussian_process_and_both_better_t
     assert "diameter" not in held_out.rmse[SAROSI_MODEL]
     recording = result.problem.case.recording
     highest = recording.pressure > recording.pressure.max() - 50e3
-    assert np.array_equal(extrapolation.held_out_rows, highest)
+    assert np.array_equal(extrapolation.held_out_mask, highest)
     document = comparison.as_dict()
     assert document["splits"][0]["rmse"][SELECTED_MODEL]["force"]["value"] == pytest.approx(
         held_out.rmse[SELECTED_MODEL]["force"]

@@ -19,7 +19,7 @@ def test_bic_accepts_a_parameter_only_for_a_sufficient_gain():
 @pytest.mark.slow
 def test_a_large_effect_in_white_noise_is_selected_and_predicted():
     diagnosis = diagnose_bank(WRONG_ZERO)
-    held_out, measured = diagnosis.held_out_errors.held_out_rows, diagnosis.problem.measured[0]
+    held_out, measured = diagnosis.held_out_errors.held_out_mask, diagnosis.problem.measured[0]
     selection = select_by_bic(diagnosis.problem, ~held_out)
     assert selection.ids[0] == "force_offset"
     force_sd = diagnosis.problem.case.muscle_toml.sensors.force
@@ -31,4 +31,4 @@ def test_a_large_effect_in_white_noise_is_selected_and_predicted():
 def test_correlated_noise_is_mistaken_for_mechanisms_where_a_diagnosis_names_none():
     diagnosis = diagnose_bank(BankRecording(seed=0, correlation=0.9))
     assert diagnosis.named_mechanisms == ()
-    assert select_by_bic(diagnosis.problem, ~diagnosis.held_out_errors.held_out_rows).ids != ()
+    assert select_by_bic(diagnosis.problem, ~diagnosis.held_out_errors.held_out_mask).ids != ()

@@ -20,7 +20,7 @@ def test_isotonic_test_has_a_diagnosis_without_comparison(tmp_path, monkeypatch,
     monkeypatch.setattr("pamjax.diagnosis.result.save_diagnosis", lambda diagnosis, out: None)
     monkeypatch.setattr(f"{comparison}._predict_without_rows", lambda *_: (None, None))
     split = ComparisonSplit(
-        "held out", "all", result.held_out_errors.held_out_rows, {"baseline": {"force": 1.0}}, {}
+        "held out", "all", result.held_out_errors.held_out_mask, {"baseline": {"force": 1.0}}, {}
     )
     monkeypatch.setattr(f"{comparison}._evaluate_split", lambda *_: split)
     run_diagnose(case, tmp_path, {"seed": 0, "report": False})

@@ -11,7 +11,7 @@ import pytest
 
 import pamjax
 from pamjax.diagnosis.crossval.block_cross_validation import _compute_explained_fraction
-from pamjax.diagnosis.crossval.held_out_errors import select_held_out_rows
+from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask
 from pamjax.diagnosis.detect.locate import _find_direction
 from pamjax.diagnosis.detect.regions import RecordingAxes, split_into_regions
 from pamjax.diagnosis.detect.residual_test import is_residual_large, is_residual_significant
@@ -195,7 +195,7 @@ def reduce_probability(settings):
 
 def count_held_out(settings):
     blocks = Blocks(np.arange(12), tuple("abcdefghijkl"), "isobars")
-    return int(select_held_out_rows(blocks, settings).sum())
+    return int(build_held_out_mask(blocks, settings).sum())
 
 
 def count_regions(settings):

@@ -83,8 +83,8 @@ def test_rmse_agrees_with_a_separate_computation(bare_comparison):
     assert comparison.threshold == pytest.approx(0.02 * force.max())
     misfit = []
     for length in LENGTHS[1:-1]:
-        training_rows, test_rows = rows & (length != LENGTH), rows & (length == LENGTH)
-        law = fit_gaylord(PRESSURE[training_rows], LENGTH[training_rows], force[training_rows])
+        training_mask, test_rows = rows & (length != LENGTH), rows & (length == LENGTH)
+        law = fit_gaylord(PRESSURE[training_mask], LENGTH[training_mask], force[training_mask])
         misfit += list((force - law.force(PRESSURE, LENGTH))[test_rows])
     assert comparison.rmse("Gaylord", INNER) == pytest.approx(np.sqrt(np.mean(np.square(misfit))))
 
@@ -140,7 +140,7 @@ def test_strokes_are_split_by_isobar():
         "highest isobar held out",
     ]
     assert [int(rows.sum()) for rows in splits[1].test_rows] == [40, 40]
-    assert not (splits[2].test_rows[0] & splits[2].training_rows[0]).any()
+    assert not (splits[2].test_rows[0] & splits[2].training_mask[0]).any()
 
 
 def test_a_case_without_force_is_refused():

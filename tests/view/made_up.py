@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from pamjax.diagnosis.crossval.held_out_errors import compute_held_out_errors, select_held_out_rows
+from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask, compute_held_out_errors
 from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.significance import Significance
@@ -132,7 +132,7 @@ def diagnosis(
         noise_ratios={"force": 1.02, "diameter": None},
         blocks=blocks,
         held_out_errors=compute_held_out_errors(
-            problem, blocks, select_held_out_rows(blocks), models[0], models[1]
+            problem, blocks, build_held_out_mask(blocks), models[0], models[1]
         ),
         parameters={"braid_friction": {"coefficient": ParameterEstimate(0.21, 0.01, find_meaning(NAMES[2]))}},
         parameter_shifts={

@@ -61,10 +61,10 @@ class BlockCrossValidation:
 
     @classmethod
     def from_blocks(
-        cls, problem: LibraryProblem, blocks: Blocks, training_rows: np.ndarray, fit: ModelFit
+        cls, problem: LibraryProblem, blocks: Blocks, training_mask: np.ndarray, fit: ModelFit
     ) -> BlockCrossValidation:
         """Return the cross-validation of a fit on the blocks with measured samples in the training rows."""
-        measured_rows = training_rows & np.isfinite(problem.measured).any(axis=0)
+        measured_rows = training_mask & np.isfinite(problem.measured).any(axis=0)
         noise_splits = [
             (
                 fit.noise.restrict_to_rows(measured_rows & ~blocks.build_mask(k)),

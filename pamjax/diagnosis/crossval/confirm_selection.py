@@ -37,7 +37,7 @@ from pamjax.text import join_words
 def cross_validate_selection(
     problem: LibraryProblem,
     blocks: Blocks,
-    training_rows: np.ndarray,
+    training_mask: np.ndarray,
     selection: Selection,
 ) -> tuple[Selection, bool]:
     """Return the selection with its cross-validated probabilities, and whether it predicts left-out blocks.
@@ -45,17 +45,17 @@ def cross_validate_selection(
     Args:
         problem: the recording and the library.
         blocks: the blocks of the recording.
-        training_rows: (n,) mask of the rows in use.
+        training_mask: (n,) whether a row is used in the fit.
         selection: the selection from these rows.
     """
     cross_validation = BlockCrossValidation.from_blocks(
-        problem, blocks, training_rows, add_form_errors(problem, selection.model)
+        problem, blocks, training_mask, add_form_errors(problem, selection.model)
     )
     fractions = cross_validation.predicted_fraction_by_mechanism
     weighted = [replace(m, probability=m.probability * fractions[m.id]) for m in selection.named_mechanisms]
     remaining = [m for m in weighted if m.probability >= problem.settings.established_probability]
     return (
-        restrict_selection(problem, training_rows, selection, remaining),
+        restrict_selection(problem, training_mask, selection, remaining),
         not cross_validation.fails_out_of_sample,
     )
 

@@ -18,21 +18,21 @@ class HeldOutErrors:
 
     Attributes:
         block_description: the held-out blocks, in words.
-        held_out_rows: (n,) mask of the held-out rows.
+        held_out_mask: (n,) whether a row is held out.
         baseline_prediction, model_prediction: (2, n) force (N) and diameter (m) without and with the
             mechanisms, by fits without the held-out rows.
         baseline_rmse, model_rmse: by channel, SI, over held-out rows; without channels that have none.
     """
 
     block_description: str
-    held_out_rows: np.ndarray
+    held_out_mask: np.ndarray
     baseline_prediction: np.ndarray
     model_prediction: np.ndarray
     baseline_rmse: dict[str, float]
     model_rmse: dict[str, float]
 
 
-def select_held_out_rows(blocks: Blocks, settings: DiagnosisSettings = DEFAULT_SETTINGS) -> np.ndarray:
+def build_held_out_mask(blocks: Blocks, settings: DiagnosisSettings = DEFAULT_SETTINGS) -> np.ndarray:
     """Return the mask of the held-out rows, (n,).
 
     It selects one block in `held_out_interval`, at least one, and never the first or the last. With fewer
@@ -56,14 +56,14 @@ def select_held_out_rows(blocks: Blocks, settings: DiagnosisSettings = DEFAULT_S
 def compute_held_out_errors(
     problem: LibraryProblem,
     blocks: Blocks,
-    held_out_rows: np.ndarray,
+    held_out_mask: np.ndarray,
     baseline: ModelFit,
     fit: ModelFit,
 ) -> HeldOutErrors:
     """Return the errors of a baseline and a model that were fitted without the held-out rows."""
     baseline_prediction = problem.predict(baseline.estimate.values)
     model_prediction = problem.predict(fit.estimate.values)
-    names = [blocks.names[k] for k in np.unique(blocks.label[held_out_rows]) if k >= 0]
+    names = [blocks.names[k] for k in np.unique(blocks.label[held_out_mask]) if k >= 0]
     description = (
         f"{len(names)} of {len(blocks)} {blocks.kind}: {', '.join(names)}"
         if names
@@ -71,11 +71,11 @@ def compute_held_out_errors(
     )
     return HeldOutErrors(
         description,
-        held_out_rows,
+        held_out_mask,
         baseline_prediction,
         model_prediction,
-        compute_rmse(problem, baseline_prediction, held_out_rows),
-        compute_rmse(problem, model_prediction, held_out_rows),
+        compute_rmse(problem, baseline_prediction, held_out_mask),
+        compute_rmse(problem, model_prediction, held_out_mask),
     )
 
 

@@ -15,25 +15,25 @@ from pamjax.infer.problem.dataset import CHANNELS, Dataset
 
 
 def estimate_noise(
-    problem: LibraryProblem, values: np.ndarray, training_rows: np.ndarray, max_noise_ratio: float = 1.0
+    problem: LibraryProblem, values: np.ndarray, training_mask: np.ndarray, max_noise_ratio: float = 1.0
 ) -> NoiseModel:
     """Return the noise model, estimated from the residual at some parameter values.
 
     Args:
         problem: the recording and the library.
         values: (p,) parameter values, SI.
-        training_rows: (n,) mask of the rows in use.
+        training_mask: (n,) whether a row is used in the fit.
         max_noise_ratio: largest plausible ratio of true and stated noise of a sensor; 1 if it is exact.
     """
     return estimate_noise_model(
         problem.case,
         problem.measured - problem.predict(values),
         np.isfinite(problem.measured),
-        training_rows,
+        training_mask,
         compute_noise_variances(
             problem.case, problem.dataset, values, lambda dataset: _predict_dataset(problem, dataset, values)
         ),
-        tables=_estimate_table_variances(problem, training_rows),
+        tables=_estimate_table_variances(problem, training_mask),
         input_noise=propagate_input_noise(problem, values),
         settings=problem.settings,
         max_noise_ratio=max_noise_ratio,
@@ -55,7 +55,7 @@ def _predict_dataset(problem: LibraryProblem, dataset: Dataset, values: np.ndarr
 
 
 def _estimate_table_variances(
-    problem: LibraryProblem, training_rows: np.ndarray
+    problem: LibraryProblem, training_mask: np.ndarray
 ) -> list[TableVariance | None]:
     """Return the noise variance of a static table by channel; None for a recording with time.
 
@@ -65,7 +65,7 @@ def _estimate_table_variances(
     if recording.has_time:
         return [None] * len(CHANNELS)
     misfit = problem.measured - problem.predict(problem.neutral)
-    rows_by_channel = [np.isfinite(misfit[c]) & training_rows for c in range(len(CHANNELS))]
+    rows_by_channel = [np.isfinite(misfit[c]) & training_mask for c in range(len(CHANNELS))]
     return [
         estimate_table_variance(recording.pressure[rows], recording.length[rows], misfit[c, rows])
         for c, rows in enumerate(rows_by_channel)

@@ -28,7 +28,7 @@ from pamjax.infer.noise.autocorrelation import estimate_autocorrelation_time
 
 
 def fit_with_misfit_weight(
-    problem: LibraryProblem, training_rows: np.ndarray, mechanisms: Sequence[Candidate], values: np.ndarray
+    problem: LibraryProblem, training_mask: np.ndarray, mechanisms: Sequence[Candidate], values: np.ndarray
 ) -> ModelFit:
     """Return the baseline refitted with some candidates, weighted by the misfit at the starting values.
 
@@ -36,14 +36,14 @@ def fit_with_misfit_weight(
 
     Args:
         problem: the recording and the library.
-        training_rows: (n,) mask of the rows in use.
+        training_mask: (n,) whether a row is used in the fit.
         mechanisms: the candidates.
         values: (p,) starting values, SI.
     """
-    noise = estimate_noise(problem, values, training_rows, problem.settings.max_noise_ratio)
+    noise = estimate_noise(problem, values, training_mask, problem.settings.max_noise_ratio)
     residual = np.nan_to_num(noise.whiten(problem.measured - problem.predict(values)), nan=1e3)
     if _compute_mean_square(residual) < problem.settings.min_misfit_mean_square:
-        return fit_model(problem, training_rows, mechanisms, values)
+        return fit_model(problem, training_mask, mechanisms, values)
     noise = dataclasses.replace(noise, weight=_compute_weight(residual, noise.is_run_start))
     free = get_free_indices(problem, mechanisms)
     fit = reweight_by_misfit(
@@ -54,7 +54,7 @@ def fit_with_misfit_weight(
         < problem.settings.min_misfit_mean_square
     ):
         # The misfit was only at the starting values.
-        return fit_model(problem, training_rows, mechanisms, fit.estimate.values)
+        return fit_model(problem, training_mask, mechanisms, fit.estimate.values)
     return fit
 
 

@@ -104,7 +104,7 @@ class ModelFit:
 
 def fit_model(
     problem: LibraryProblem,
-    training_rows: np.ndarray,
+    training_mask: np.ndarray,
     mechanisms: Sequence[Candidate],
     values: np.ndarray,
     max_noise_ratio: float | None = None,
@@ -113,7 +113,7 @@ def fit_model(
 
     Args:
         problem: the recording and the library.
-        training_rows: (n,) mask of the rows in use.
+        training_mask: (n,) whether a row is used in the fit.
         mechanisms: the candidates.
         values: (p,) starting values, SI.
         max_noise_ratio: largest plausible ratio of true and stated noise; the setting if omitted.
@@ -121,7 +121,7 @@ def fit_model(
     free = get_free_indices(problem, mechanisms)
     ratio = problem.settings.max_noise_ratio if max_noise_ratio is None else max_noise_ratio
     for _ in range(_NOISE_ROUNDS):
-        noise = estimate_noise(problem, values, training_rows, ratio)
+        noise = estimate_noise(problem, values, training_mask, ratio)
         estimate = fit_parameters(problem, noise, free, values)
         values = estimate.values
     return build_corrected_fit(problem, tuple(mechanisms), noise, estimate)

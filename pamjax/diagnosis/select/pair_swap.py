@@ -105,7 +105,7 @@ def _is_acceptable(
 def _finish_search(search: MechanismSearch, rough_fit: ModelFit) -> ModelFit:
     """Return the result of a search from a rough fit; small effects stay if the residual is only noise."""
     start_fit = fit_model(
-        search.problem, search.training_rows, rough_fit.mechanisms, rough_fit.estimate.values
+        search.problem, search.training_mask, rough_fit.mechanisms, rough_fit.estimate.values
     )
     result = run_search(search, start_fit)
     if not leaves_only_noise(search, start_fit):

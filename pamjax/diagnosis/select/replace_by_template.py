@@ -22,13 +22,13 @@ from pamjax.text import join_words
 
 
 def replace_by_template(
-    problem: LibraryProblem, training_rows: np.ndarray, selection: Selection, templates: Sequence[Template]
+    problem: LibraryProblem, training_mask: np.ndarray, selection: Selection, templates: Sequence[Template]
 ) -> tuple[Selection, list[str]]:
     """Return the selection without the mechanisms that a template replaces, and a note on them.
 
     Args:
         problem: the recording and the library.
-        training_rows: (n,) mask of the rows in use.
+        training_mask: (n,) whether a row is used in the fit.
         selection: the mechanisms and their fit.
         templates: all templates at all places.
 
@@ -50,7 +50,7 @@ def replace_by_template(
     kept = [mechanism for mechanism in selection.named_mechanisms if mechanism.id in better.fit.ids]
     ids = [f"`{mechanism.id}`" for mechanism in selection.named_mechanisms if mechanism not in kept]
     note = f"{better.template.description} explains the misfit better than {join_words(ids)}"
-    return restrict_selection(problem, training_rows, selection, kept), [f"{note[0].upper()}{note[1:]}."]
+    return restrict_selection(problem, training_mask, selection, kept), [f"{note[0].upper()}{note[1:]}."]
 
 
 def _remove_mechanisms(

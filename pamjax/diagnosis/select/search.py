@@ -51,14 +51,14 @@ class MechanismSearch:
 
     Attributes:
         problem: the recording and the library.
-        training_rows: (n,) mask of the rows in use.
+        training_mask: (n,) whether a row is used in the fit.
         baseline: refit of the baseline.
         candidates: the candidates.
         progress: called with the name of the step and the share done.
     """
 
     problem: LibraryProblem
-    training_rows: np.ndarray
+    training_mask: np.ndarray
     baseline: ModelFit
     candidates: Sequence[Candidate]
     progress: Progress
@@ -74,7 +74,7 @@ class MechanismSearch:
 
     def refit(self, fit: ModelFit) -> ModelFit:
         """Return the fit, refitted with noise from its own residual."""
-        return fit_model(self.problem, self.training_rows, fit.mechanisms, fit.estimate.values)
+        return fit_model(self.problem, self.training_mask, fit.mechanisms, fit.estimate.values)
 
     def is_worthwhile(
         self,

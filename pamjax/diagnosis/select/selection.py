@@ -82,7 +82,7 @@ class Selection:
 
 def select_mechanisms(
     problem: LibraryProblem,
-    training_rows: np.ndarray,
+    training_mask: np.ndarray,
     baseline: ModelFit,
     progress: Progress = ignore_progress,
 ) -> Selection:
@@ -90,13 +90,13 @@ def select_mechanisms(
 
     Args:
         problem: the recording and the library.
-        training_rows: (n,) mask of the rows in use.
+        training_mask: (n,) whether a row is used in the fit.
         baseline: refit of the baseline to these rows.
         progress: called with the name of the step and the share done.
     """
     candidates = build_candidates(problem)
     baseline_directions = compute_score_directions(problem, baseline.noise, baseline.estimate, candidates)
-    search = MechanismSearch(problem, training_rows, baseline, candidates, progress)
+    search = MechanismSearch(problem, training_mask, baseline, candidates, progress)
     unmasked_fit = remove_redundant(
         search, swap_pairs(search, search_mechanisms(search, baseline_directions))
     )
@@ -117,7 +117,7 @@ def select_mechanisms(
     weighted_values = fit.estimate.values
     return Selection(
         baseline,
-        fit_model(problem, training_rows, fit.mechanisms, weighted_values),
+        fit_model(problem, training_mask, fit.mechanisms, weighted_values),
         named_mechanisms,
         weighted_values,
         fit_without_small_effects,
@@ -153,7 +153,7 @@ def shrink_to_even_odds(
 
 def restrict_selection(
     problem: LibraryProblem,
-    training_rows: np.ndarray,
+    training_mask: np.ndarray,
     selection: Selection,
     named_mechanisms: Sequence[NamedMechanism],
 ) -> Selection:
@@ -165,7 +165,7 @@ def restrict_selection(
     for candidate in selection.model.mechanisms:
         values = values if candidate.id in ids else switch_off_candidate(problem, values, candidate)
     mechanisms = [candidate for candidate in selection.model.mechanisms if candidate.id in ids]
-    fit = fit_model(problem, training_rows, mechanisms, values) if mechanisms else selection.baseline
+    fit = fit_model(problem, training_mask, mechanisms, values) if mechanisms else selection.baseline
     return replace(
         selection,
         model=fit,

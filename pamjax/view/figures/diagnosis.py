@@ -52,7 +52,7 @@ def plot_held_out_scores(diagnosis: Diagnosis, narrow: bool = False) -> Figure |
         return None
     block_names = [
         diagnosis.blocks.names[k]
-        for k in np.unique(diagnosis.blocks.label[diagnosis.held_out_errors.held_out_rows])
+        for k in np.unique(diagnosis.blocks.label[diagnosis.held_out_errors.held_out_mask])
         if k >= 0
     ]
     with apply_theme():
@@ -87,7 +87,7 @@ def _plot_scores(panel: Panel, diagnosis: Diagnosis, channel: str, block_names: 
         ("model", diagnosis.held_out_errors.model_prediction),
     ):
         misfit = np.where(
-            diagnosis.held_out_errors.held_out_rows,
+            diagnosis.held_out_errors.held_out_mask,
             diagnosis.problem.measured[channel_index] - prediction[channel_index],
             np.nan,
         )

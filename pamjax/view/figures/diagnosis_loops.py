@@ -99,7 +99,7 @@ def select_shown_groups(diagnosis: Diagnosis) -> Layout:
         return full_layout
     chosen_groups = np.unique(np.linspace(0, group_count - 1, _MAX_LOOPS).round().astype(int))
     held_out_groups = np.unique(
-        full_layout.group[diagnosis.held_out_errors.held_out_rows & (full_layout.group >= 0)]
+        full_layout.group[diagnosis.held_out_errors.held_out_mask & (full_layout.group >= 0)]
     )
     if held_out_groups.size and not np.isin(held_out_groups, chosen_groups).any():
         inner = chosen_groups[1:-1]

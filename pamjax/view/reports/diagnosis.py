@@ -172,7 +172,7 @@ def _format_quantity(value: float, sd: float | None, meaning: Meaning) -> str:
 def _list_scores(diagnosis: Diagnosis, document: dict[str, Any]) -> Iterator[list[str]]:
     problem, form = diagnosis.problem, diagnosis.form_prediction
     form_rmse = (
-        {} if form is None else compute_rmse(problem, form.values, diagnosis.held_out_errors.held_out_rows)
+        {} if form is None else compute_rmse(problem, form.values, diagnosis.held_out_errors.held_out_mask)
     )
     for channel, score in document["improvement"]["held_out"].items():
         if channel != "blocks":
@@ -258,7 +258,7 @@ def _list_assumptions(diagnosis: Diagnosis) -> Iterator[str]:
     )
     yield (
         "The mechanisms were selected without the held-out blocks. The parameters are fitted to all rows."
-        if diagnosis.held_out_errors.held_out_rows.any()
+        if diagnosis.held_out_errors.held_out_mask.any()
         else "No block was held out. All rows were used to select the mechanisms and to fit the parameters."
     )
     unused_rows = int(problem.n - np.isfinite(problem.measured).any(axis=0).sum())

@@ -33,7 +33,7 @@ RUBBER_AND_STEP = replace(RUBBER, smallest=5.0, largest=5.0, unmodelled="zero_st
 
 def test_values_of_held_out_blocks_change_neither_the_names_nor_the_predictions():
     diagnosis, case = diagnose_bank(RUBBER), simulate_bank(RUBBER).case
-    held_out = diagnosis.held_out_errors.held_out_rows
+    held_out = diagnosis.held_out_errors.held_out_mask
     changed = diagnose(replace_recording(case, force=case.recording.force + np.where(held_out, 40.0, 0.0)))
     assert 0 < held_out.sum() < held_out.size
     assert [(m.id, m.probability) for m in changed.named_mechanisms] == [
@@ -57,7 +57,7 @@ def test_a_named_mechanism_predicts_held_out_blocks_to_the_noise():
 
 def test_whole_isobars_inside_the_range_are_held_out():
     diagnosis = diagnose_bank(RUBBER)
-    labels, held_out = diagnosis.blocks.label, diagnosis.held_out_errors.held_out_rows
+    labels, held_out = diagnosis.blocks.label, diagnosis.held_out_errors.held_out_mask
     assert diagnosis.blocks.kind == "isobars"
     assert {k for k in range(5) if np.any(held_out[labels == k])} == {2}
     assert np.all(held_out[labels == 2])
@@ -77,7 +77,7 @@ def test_misfit_of_other_physics_does_not_reduce_the_fraction():
     cross_validation = BlockCrossValidation.from_blocks(
         diagnosis.problem,
         diagnosis.blocks,
-        ~diagnosis.held_out_errors.held_out_rows,
+        ~diagnosis.held_out_errors.held_out_mask,
         diagnosis.selection.model,
     )
     # The step of the zero is in no mechanism, so that a part of the left-out misfit remains.
@@ -88,13 +88,13 @@ def test_misfit_of_other_physics_does_not_reduce_the_fraction():
 def test_a_few_isobars_are_divided_into_cycles():
     diagnosis = diagnose_bank(replace(RUBBER, pressures=(0, 1)))
     assert diagnosis.blocks.kind == "cycles"
-    assert 0 < diagnosis.held_out_errors.held_out_rows.sum() < 0.5 * diagnosis.problem.n
+    assert 0 < diagnosis.held_out_errors.held_out_mask.sum() < 0.5 * diagnosis.problem.n
 
 
 def test_two_blocks_are_too_few_to_hold_one_out():
     friction = BankRecording(1, only="braid_friction", smallest=12.0, largest=12.0, pressures=(4,))
     diagnosis = diagnose_bank(friction)
-    assert not diagnosis.held_out_errors.held_out_rows.any()
+    assert not diagnosis.held_out_errors.held_out_mask.any()
     assert diagnosis.held_out_errors.model_rmse == {}
     check_identified(diagnosis, ["braid_friction"])
 

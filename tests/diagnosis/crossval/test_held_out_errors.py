@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from pamjax.benchmark.setups import build_reference_setup
-from pamjax.diagnosis.crossval.held_out_errors import select_held_out_rows
+from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask
 from pamjax.records.blocks import Blocks, find_blocks
 
 
 @pytest.mark.parametrize(("many", "out"), [(1, 0), (2, 0), (3, 1), (4, 1), (6, 1), (10, 2)])
 def test_complete_blocks_inside_the_range_are_held_out(many, out):
     blocks = Blocks(np.repeat(np.arange(many), 7), tuple(f"b{k}" for k in range(many)), "isobars")
-    rows = select_held_out_rows(blocks)
+    rows = build_held_out_mask(blocks)
     labels = set(blocks.label[rows].tolist())
     assert len(labels) == out
     assert not labels & {0, many - 1}
@@ -19,4 +19,4 @@ def test_complete_blocks_inside_the_range_are_held_out(many, out):
 
 
 def test_simulated_protocol_has_blocks_to_hold_out():
-    assert select_held_out_rows(find_blocks(build_reference_setup().plan)).any()
+    assert build_held_out_mask(find_blocks(build_reference_setup().plan)).any()

@@ -307,11 +307,11 @@ def test_report_without_a_mechanism_has_no_improved_model():
 
 def test_a_recording_with_too_few_blocks_says_that_nothing_was_held_out():
     result = diagnosis()
-    held_out = result.held_out_errors.held_out_rows
+    held_out = result.held_out_errors.held_out_mask
     assert "The mechanisms were selected without the held-out blocks." in read_report("friction")
     assert "no block was held out" not in str(result)
     errors = replace(
-        result.held_out_errors, held_out_rows=np.zeros_like(held_out), baseline_rmse={}, model_rmse={}
+        result.held_out_errors, held_out_mask=np.zeros_like(held_out), baseline_rmse={}, model_rmse={}
     )
     without = replace(result, held_out_errors=errors)
     assert "no block was held out (too few blocks): no independent rows confirm" in str(without)
