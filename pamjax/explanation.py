@@ -9,7 +9,7 @@ from typing import Any
 
 from pamjax.errors import BadInput, suggest_word
 from pamjax.model.parameters import list_meanings_by_law, list_parameters
-from pamjax.model.registry import ALTERNATIVES, MECHANISMS, list_mechanisms
+from pamjax.model.registry import ALTERNATIVE_EQUATIONS, MECHANISMS, list_mechanisms
 from pamjax.notebook import NotebookText
 from pamjax.parameter import Meaning
 from pamjax.units import compute_si_factor
@@ -98,7 +98,7 @@ def _list_everything() -> Iterator[str]:
     for kind in MECHANISMS:
         yield from _list_mechanism(kind)
     yield "Alternative equations from textbooks, for comparison:"
-    for kind in ALTERNATIVES:
+    for kind in ALTERNATIVE_EQUATIONS:
         yield from _list_mechanism(kind)
 
 

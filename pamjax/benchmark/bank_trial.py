@@ -80,8 +80,8 @@ def find_reported_ties(
     """
     return tuple(
         (tie, name)
-        for name, alternatives in zip(named_ids, ties, strict=True)
-        for tie in alternatives
+        for name, tied_ids in zip(named_ids, ties, strict=True)
+        for tie in tied_ids
         if tie in concealed_ids and name not in concealed_ids
     )
 

@@ -136,9 +136,9 @@ def tabulate_recovery(trials: Sequence[Trial]) -> list[TableLine]:
             "one to three effects: an unexplained misfit reported", [t.unexplained for t in effect_trials]
         )
     )
-    alternatives = [(t, tie) for t in effect_trials for ties in t.ties for tie in ties]
+    reported_ties = [(t, tie) for t in effect_trials for ties in t.ties for tie in ties]
     are_indistinguishable = [
-        any((id, tie) in t.verified_ties for id in t.concealed) for t, tie in alternatives
+        any((id, tie) in t.verified_ties for id in t.concealed) for t, tie in reported_ties
     ]
     lines.append(build_rate_line("reported ties that are indistinguishable", are_indistinguishable))
     return (

@@ -101,7 +101,7 @@ class Trial:
         sizes: effect sizes in noise standard deviations.
         p_value: p-value of the misfit of the baseline.
         named: ids of the identified mechanisms, most probable first.
-        ties: ids of the indistinguishable alternatives of each.
+        ties: ids of the indistinguishable rivals of each.
         probabilities: probabilities of the identified mechanisms.
         verified_ties: (injected, reported) pairs of ids that are truly indistinguishable on this recording;
             in the own bank only.

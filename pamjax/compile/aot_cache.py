@@ -30,7 +30,7 @@ from jax.stages import Compiled, Wrapped
 import pamjax
 from pamjax.errors import BadInput
 from pamjax.jit import list_compiler_options
-from pamjax.model.registry import ALTERNATIVES, MECHANISMS
+from pamjax.model.registry import ALTERNATIVE_EQUATIONS, MECHANISMS
 from pamjax.records.files import write_atomically
 
 #: Packages whose versions are part of a program's name.
@@ -131,7 +131,8 @@ def _lock_program(file: Path) -> Iterator[None]:
 def _locate_program(function: Any, arguments: tuple) -> Path | None:
     """Return the file of a program, or None if it is not cached."""
     folder = _get_folder()
-    is_own = all(owner.__module__.startswith("pamjax.") for owner in (function, *MECHANISMS, *ALTERNATIVES))
+    owners = (function, *MECHANISMS, *ALTERNATIVE_EQUATIONS)
+    is_own = all(owner.__module__.startswith("pamjax.") for owner in owners)
     leaves = jax.tree_util.tree_leaves(arguments)
     on_cpu = all(device.platform == "cpu" for leaf in leaves for device in leaf.devices())
     if folder is None or not (is_own and on_cpu and _are_sources_unchanged()):

@@ -218,14 +218,14 @@ class DiagnosisSettings:
         "Add this to that difference for a model with misfit",
         "more mechanisms count as indistinguishable")
     rivals_refitted: int = _select(5, "count", 1, 100,
-        "Refit this many alternatives for each identified mechanism",
-        "slower; more alternatives are compared")
+        "Refit this many rivals for each identified mechanism",
+        "slower; more rivals are compared")
     comparison_excess_chi2: float = _select(8.0, "χ²", 1e-6, 1e9,
-        "Double the χ² scale of the comparison of alternatives for a model with this excess χ²",
+        "Double the χ² scale of the comparison of rivals for a model with this excess χ²",
         "probabilities are closer to 0 and 1")
     rough_chi2_margin: float = _select(36.0, "χ²", 0.0, 1e6,
-        "Refit an alternative to the minimum if its rough refit increases the BIC by less than this",
-        "slower; more alternatives are refitted")
+        "Refit a rival to the minimum if its rough refit increases the BIC by less than this",
+        "slower; more rivals are refitted")
     established_probability: float = _select(0.5, "1", 0.0, 1.0,
         "Name a mechanism if its probability is at least this",
         "fewer mechanisms are reported")
@@ -269,7 +269,7 @@ class DiagnosisSettings:
         "Start a refit from each shape of a mechanism if it has at most this many shapes",
         "slower; mechanisms with many shapes are included")
     alternative_fit_evaluations: int = _select(10, "count", 1, 1000,
-        "End such a refit after this many evaluations",
+        "End a refit from another shape, or with a rival, after this many evaluations",
         "slower; the minima are more accurate")
     max_alternative_chi2: float = _select(20.0, "χ²", 0.0, 1e6,
         "Include another minimum in the standard deviations if it increases χ² by less than this",
@@ -372,10 +372,10 @@ class DiagnosisSettings:
         "Compute a power from this many simulated protocols",
         "slower; the power is more accurate")
     rival_candidates_refitted: int = _next(3, "count", 1, 100,
-        "Refit this many shapes of an alternative",
-        "slower; better fits of alternatives")
+        "Refit this many shapes of a rival",
+        "slower; better fits of rivals")
     max_rivals_per_mechanism: int = _next(2, "count", 0, 100,
-        "Propose protocols for at most this many alternatives of a mechanism",
+        "Propose protocols for at most this many rivals of a mechanism",
         "more protocols")
     max_rival_pairs: int = _next(4, "count", 0, 100,
         "Propose protocols for at most this many pairs",

@@ -55,8 +55,8 @@ def _format_mechanism(diagnosis: Diagnosis, mechanism: NamedMechanism) -> Iterat
     estimates = list(diagnosis.parameters[mechanism.id].items())[:3]
     yield "    " + ", ".join(format_named_estimate(name, estimate) for name, estimate in estimates)
     if mechanism.indistinguishable:
-        alternatives = " and ".join(mechanism.indistinguishable)
-        yield f"    this recording does not distinguish it from {alternatives}"
+        rivals = " and ".join(mechanism.indistinguishable)
+        yield f"    this recording does not distinguish it from {rivals}"
 
 
 def _format_unexplained_part(diagnosis: Diagnosis) -> Iterator[str]:

@@ -31,13 +31,13 @@ class FormError:
     Attributes:
         terms: products as "pressure length^2".
         is_additive: whether the terms are added to the effect instead of multiplied with it.
-        alternatives: factors on shape parameters; the effect at these values, as far as it is not
-            proportional to the effect itself, is a further term each.
+        shape_factors: factors on shape parameters. The effect with other shape parameters, without its
+            part in proportion to the effect itself, is one more term each.
     """
 
     terms: tuple[str, ...] = ()
     is_additive: bool = False
-    alternatives: tuple[dict[str, float], ...] = ()
+    shape_factors: tuple[dict[str, float], ...] = ()
 
     def parse(self) -> list[list[tuple[str, int]]]:
         """Return the factors (variable, degree) of each term.

@@ -56,9 +56,9 @@ MECHANISMS: tuple[type[AbstractMechanism], ...] = (
     ChannelLag,
 )
 
-#: Alternatives to one of the mechanisms, for fits and comparisons. They are not combined with it. A diagnosis
-#: does not select them, and the bench with all mechanisms does not contain them.
-ALTERNATIVES: tuple[type[AbstractMechanism], ...] = (EndCones, ContractionFactor)
+#: Other textbook equations of the effect of one mechanism, for fits and comparisons. They are not combined
+#: with it. A diagnosis does not select them, and the bench with all mechanisms does not contain them.
+ALTERNATIVE_EQUATIONS: tuple[type[AbstractMechanism], ...] = (EndCones, ContractionFactor)
 
 _SAME_END_EFFECT = "both describe the same force loss at the ends"
 
@@ -76,8 +76,8 @@ EXCLUSIVE_PAIRS: dict[frozenset[str], str] = {
 
 
 def list_mechanisms() -> dict[str, type[AbstractMechanism]]:
-    """Return the mechanisms and their alternatives by id."""
-    return {kind.id: kind for kind in MECHANISMS + ALTERNATIVES}
+    """Return the mechanisms and their alternative equations by id."""
+    return {kind.id: kind for kind in MECHANISMS + ALTERNATIVE_EQUATIONS}
 
 
 def find_mechanism(id: str) -> type[AbstractMechanism]:
@@ -99,7 +99,7 @@ def order_mechanisms(ids: Iterable[str]) -> tuple[type[AbstractMechanism], ...]:
         BadInput: if an id is unknown.
     """
     selected_kinds = {find_mechanism(id) for id in ids}
-    return tuple(kind for kind in MECHANISMS + ALTERNATIVES if kind in selected_kinds)
+    return tuple(kind for kind in MECHANISMS + ALTERNATIVE_EQUATIONS if kind in selected_kinds)
 
 
 def check_exclusive_pairs(ids: Iterable[str]) -> None:

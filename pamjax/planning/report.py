@@ -1,4 +1,4 @@
-"""Text summary of a plan: runs, duration, expected precision, and alternatives."""
+"""Text summary of a plan: runs, duration, expected precision, and simpler protocols."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def format_plan_summary(plan: Plan) -> str:
     ]
     capabilities = plan.prior.capabilities
     if plan.chosen_runs:
-        lines += ["", *(f"  {line}" for line in format_alternatives(plan))]
+        lines += ["", *(f"  {line}" for line in format_simpler_protocols(plan))]
     error_text = ", ".join(
         f"{n} {format_quantity(sd, find_meaning(n).show, 2)}" for n, sd in capabilities.assumed_sds.items()
     )
@@ -130,7 +130,7 @@ def _format_expected_sd(name: str, expected: ExpectedSd) -> str:
     )
 
 
-def format_alternatives(plan: Plan) -> list[str]:
+def format_simpler_protocols(plan: Plan) -> list[str]:
     """Return the precision of simpler protocols; an empty list if no measurement is needed."""
     return [*format_single_channel(plan), format_isobars(plan)] if plan.chosen_runs else []
 

@@ -32,19 +32,19 @@ def build_form_columns(
 ) -> np.ndarray:
     """Return the columns of a candidate's form error, SI, (r, 2, n), each of the rms of the effect / √r."""
     form_error = find_mechanism(candidate.id).form_error
-    if not (form_error.terms or form_error.alternatives):
+    if not (form_error.terms or form_error.shape_factors):
         return np.zeros((0, len(CHANNELS), problem.n))
     effect = compute_effect_of(problem, values, candidate)
-    alternatives = [
-        _compute_alternative(problem, values, candidate, alternative)
-        for alternative in form_error.alternatives
+    reshaped_effects = [
+        _compute_reshaped_effect(problem, values, candidate, factors) for factors in form_error.shape_factors
     ]
-    return build_columns_of_effect(form_error, coordinates, effect, alternatives)
+    return build_columns_of_effect(form_error, coordinates, effect, reshaped_effects)
 
 
-def _compute_alternative(
+def _compute_reshaped_effect(
     problem: LibraryProblem, values: np.ndarray, candidate: Candidate, factors: dict[str, float]
 ) -> np.ndarray:
+    """Return the effect of a candidate with factors on its shape parameters, SI, (2, n)."""
     new_values = values.copy()
     for name, factor in factors.items():
         k = problem.index(f"{candidate.id}.{name}")

@@ -27,7 +27,7 @@ from pamjax.diagnosis.refit.model_fit import (
 from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.diagnosis.settings import DiagnosisSettings
 
-#: Shares of the linear amplitudes of an alternative from which a refit starts.
+#: Shares of the linear amplitudes of a rival from which a refit starts.
 _START_AMPLITUDE_SHARES = (1.0, 0.1)
 
 
@@ -59,15 +59,15 @@ class Experiment:
 def propose_experiments(
     problem: LibraryProblem, fit: ModelFit, named_mechanisms: Sequence[NamedMechanism]
 ) -> list[Experiment]:
-    """Return protocols that distinguish each identified mechanism from its indistinguishable alternatives.
+    """Return protocols that distinguish each identified mechanism from its indistinguishable rivals.
 
     Args:
         problem: the recording and the library.
         fit: the refitted model with the identified mechanisms.
-        named_mechanisms: the identified mechanisms with their alternatives.
+        named_mechanisms: the identified mechanisms with their rivals.
 
     Returns:
-        one experiment for each chosen protocol; empty without alternatives, and for an isotonic test, whose
+        one experiment for each chosen protocol; empty without rivals, and for an isotonic test, whose
         noise of force is not known.
     """
     if problem.case.recording.measures_length:

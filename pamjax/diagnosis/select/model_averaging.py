@@ -26,7 +26,7 @@ from functools import partial
 import numpy as np
 
 from pamjax.compile.parallel import parallel_map
-from pamjax.diagnosis.library.candidates import Candidate, build_candidates
+from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.input_noise import compute_input_noise_chi2
 from pamjax.diagnosis.refit.errors_in_variables import estimate_input_noise_bias
@@ -38,7 +38,7 @@ from pamjax.diagnosis.refit.model_fit import (
     get_parameter_indices,
     switch_off_candidate,
 )
-from pamjax.diagnosis.select.selection import NamedMechanism
+from pamjax.diagnosis.select.selection import NamedMechanism, RivalFit
 
 
 def average_models(
@@ -49,7 +49,7 @@ def average_models(
     Args:
         problem: the recording and the library.
         fit: the refitted model with mechanisms.
-        named_mechanisms: its mechanisms with their alternatives.
+        named_mechanisms: its mechanisms with their rivals.
     """
     settings = problem.settings
     refits = parallel_map(
@@ -169,16 +169,14 @@ def _weigh_indistinguishable(
     if own_candidate is None:
         return []
 
-    def compute_change(alternative: tuple[float, Candidate, np.ndarray]) -> tuple[float, np.ndarray]:
-        probability, candidate, values = alternative
+    def compute_change(rival: RivalFit) -> tuple[float, np.ndarray]:
         start = switch_off_candidate(problem, fit.estimate.values, own_candidate)
-        start[get_parameter_indices(problem, [candidate])] = values[
-            get_parameter_indices(problem, [candidate])
-        ]
+        rival_indices = get_parameter_indices(problem, [rival.candidate])
+        start[rival_indices] = rival.values[rival_indices]
         others = [
             other_candidate for other_candidate in fit.mechanisms if other_candidate is not own_candidate
         ]
-        free = get_free_indices(problem, [*others, candidate])
+        free = get_free_indices(problem, [*others, rival.candidate])
         shift = (
             fit_parameters(
                 problem, fit.noise, free, start, problem.settings.alternative_fit_evaluations
@@ -186,6 +184,6 @@ def _weigh_indistinguishable(
             - fit.estimate.values
         )
         shift[get_parameter_indices(problem, [own_candidate])] = 0.0
-        return probability, shift
+        return rival.probability, shift
 
-    return parallel_map(compute_change, mechanism.alternatives)
+    return parallel_map(compute_change, mechanism.indistinguishable_fits)

@@ -117,7 +117,7 @@ def refit_fully(problem: LibraryProblem, rough_fits: Sequence[ModelFit]) -> list
 
 
 def compute_rough_limit(reduced_fit: ModelFit, fit: ModelFit) -> float:
-    """Return the BIC below which a rough refit with an alternative is refitted to the minimum."""
+    """Return the BIC below which a rough refit with a rival is refitted to the minimum."""
     return (reduced_fit.bic + fit.bic) / 2
 
 
@@ -125,7 +125,7 @@ def compute_rough_limit(reduced_fit: ModelFit, fit: ModelFit) -> float:
 def fit_replacements(
     problem: LibraryProblem, reduced_fit: ModelFit, candidate: Candidate, candidates: Sequence[Candidate]
 ) -> list[ModelFit]:
-    """Return models with an alternative in the place of a candidate, roughly refitted.
+    """Return models with a rival in the place of a candidate, roughly refitted.
 
     Results are memoised without `candidates`: a fit belongs to one problem, which has one list of them.
 

@@ -241,7 +241,7 @@ def _list_promising(
 
 
 def _swap_mechanisms(search: MechanismSearch, fit: ModelFit) -> ModelFit:
-    """Return the fit with alternatives in place of earlier mechanisms, where they now fit better."""
+    """Return the fit with rivals in place of earlier mechanisms, where they now fit better."""
     for k in range(len(fit.mechanisms) - 1):
         reduced_fit = fit_without_mechanism(search.problem, fit, k)
         rivals = fit_replacements(search.problem, reduced_fit, fit.mechanisms[k], search.candidates)

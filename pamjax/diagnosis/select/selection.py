@@ -1,7 +1,7 @@
-"""Selection of mechanisms: search, probability of each mechanism, and its alternatives.
+"""Selection of mechanisms: search, probability of each mechanism, and its rivals.
 
-An alternative that fits as well is reported as indistinguishable. An alternative that fits nearly as well
-reduces the probability.
+A rival is another mechanism in its place. A rival that fits as well is reported as indistinguishable. A rival
+that fits nearly as well reduces the probability.
 """
 
 from __future__ import annotations
@@ -32,6 +32,21 @@ from pamjax.progress import Progress, ignore_progress
 
 
 @dataclass(frozen=True, eq=False)
+class RivalFit:
+    """Refit of a model with a rival in the place of one of its mechanisms.
+
+    Attributes:
+        probability: probability that the rival is present instead.
+        candidate: the rival, in its best starting form.
+        values: (p,) refitted parameter values, SI.
+    """
+
+    probability: float
+    candidate: Candidate
+    values: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class NamedMechanism:
     """An identified mechanism: a mechanism of the selected model, with its probability.
 
@@ -40,9 +55,9 @@ class NamedMechanism:
         probability: probability that it, or one indistinguishable from it, is present.
         indistinguishable: ids of the mechanisms that explain this recording as well.
         chi2_increase: increase of χ² without it, after a refit.
-        rival_bic_increase: increase of the BIC with an alternative in its place, by id.
+        rival_bic_increase: increase of the BIC with a rival in its place, by id of the rival.
         form_error: rms of its form error over the rms of its effect; None if its equation has none.
-        alternatives: probability, candidate and refitted values, (p,), SI, of each indistinguishable one.
+        indistinguishable_fits: the refit with each indistinguishable rival.
     """
 
     id: str
@@ -51,7 +66,7 @@ class NamedMechanism:
     chi2_increase: float
     rival_bic_increase: dict[str, float] = field(default_factory=dict)
     form_error: float | None = None
-    alternatives: tuple[tuple[float, Candidate, np.ndarray], ...] = ()
+    indistinguishable_fits: tuple[RivalFit, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +122,7 @@ def select_mechanisms(
         if leaves_only_noise(search, fit_without_small_effects)
         else add_small_effects(problem, fit_without_small_effects, candidates, progress)
     )
-    progress("comparing alternatives", 0.75)
+    progress("comparing rivals", 0.75)
     named_mechanisms = shrink_to_even_odds(
         _assess_mechanisms(problem, fit, candidates), problem.settings, masked_ids
     )
@@ -183,7 +198,7 @@ def _assess_mechanisms(
     Args:
         problem: the recording and the library.
         fit: the fitted model.
-        candidates: candidates of the alternatives; all if omitted.
+        candidates: candidates of the rivals; all if omitted.
     """
     candidates = build_candidates(problem) if candidates is None else candidates
     named_mechanisms = parallel_map(
@@ -207,7 +222,7 @@ def _assess_mechanism(problem, fit: ModelFit, k: int, candidates) -> NamedMechan
     reduced_fit = fit_without_mechanism(problem, fit, k)
     chi2_increase = reduced_fit.corrected_chi2 - fit.corrected_chi2
     trials = fit_replacements(problem, reduced_fit, candidate, candidates)
-    # Refit alternatives with a low BIC to the minimum; the rough refits of the others are sufficient.
+    # Refit rivals with a low BIC to the minimum; the rough refits of the others are sufficient.
     close_trials = [
         trial
         for trial in trials
@@ -226,14 +241,14 @@ def _assess_mechanism(problem, fit: ModelFit, k: int, candidates) -> NamedMechan
         if increase < problem.settings.tie_chi2 + problem.settings.tie_excess_share * fit.excess_chi2
     ]
     tied_weight = sum(weights[id] for id in indistinguishable)
-    alternatives = tuple(
-        (weights[id] / (1 + tied_weight), fit_by_id[id].mechanisms[-1], fit_by_id[id].estimate.values)
+    indistinguishable_fits = tuple(
+        RivalFit(weights[id] / (1 + tied_weight), fit_by_id[id].mechanisms[-1], fit_by_id[id].estimate.values)
         for id in indistinguishable
     )
     probability = float((1 + tied_weight) / (1 + sum(weights.values())))
     return NamedMechanism(
         candidate.id, probability, tuple(indistinguishable), float(chi2_increase), bic_increase,
-        alternatives=alternatives,
+        indistinguishable_fits=indistinguishable_fits,
     )  # fmt: skip
 
 

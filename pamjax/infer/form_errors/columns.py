@@ -19,7 +19,7 @@ def build_columns_of_effect(
     form_error: FormError,
     coordinates: Coordinates,
     effect: np.ndarray,
-    alternatives: Sequence[np.ndarray] = (),
+    reshaped_effects: Sequence[np.ndarray] = (),
 ) -> np.ndarray:
     """Return the columns of the form error of an effect, (2, n), SI; (r, 2, n), each of its rms / √r.
 
@@ -27,7 +27,7 @@ def build_columns_of_effect(
         form_error: the terms.
         coordinates: their variables.
         effect: change of the prediction by the mechanism.
-        alternatives: changes of the effect by other shapes, (2, n) each.
+        reshaped_effects: the effect with other shape parameters, (2, n) each.
     """
     # Most mechanisms act on force; diameter decides only if the force does not change.
     local = coordinates.rescale(effect[0] if effect[0].any() else effect[1])
@@ -38,7 +38,7 @@ def build_columns_of_effect(
     # The amplitude of the mechanism has what is proportional to the effect.
     columns = [
         _remove_parallel(column, effect)
-        for column in [*(effect * factor for factor in factors), *alternatives]
+        for column in [*(effect * factor for factor in factors), *reshaped_effects]
     ]
     if not columns:
         return np.zeros((0, *effect.shape))

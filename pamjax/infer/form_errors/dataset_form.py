@@ -23,7 +23,7 @@ from pamjax.records.case import Case
 def has_form_error(id: str) -> bool:
     """Return whether the equation of a mechanism may be inexact."""
     form_error = find_mechanism(id).form_error
-    return bool(form_error.terms or form_error.alternatives)
+    return bool(form_error.terms or form_error.shape_factors)
 
 
 def compute_raw_effect(dataset: Dataset, values: Float[Array, " p"], id: str) -> np.ndarray:
@@ -48,12 +48,12 @@ def build_form_columns(case: Case, dataset: Dataset, values: Float[Array, " p"],
     """
     n, form_error = case.recording.n, find_mechanism(id).form_error
     effect = compute_raw_effect(dataset, values, id)
-    alternatives = [
+    reshaped_effects = [
         compute_raw_effect(*_scale_parameters(dataset, values, id, factors), id)[:, :n]
-        for factors in form_error.alternatives
+        for factors in form_error.shape_factors
     ]
     columns = build_columns_of_effect(
-        form_error, build_coordinates(case, dataset), effect[:, :n], alternatives
+        form_error, build_coordinates(case, dataset), effect[:, :n], reshaped_effects
     )
     return np.pad(columns, ((0, 0), (0, 0), (0, effect.shape[1] - n)))
 

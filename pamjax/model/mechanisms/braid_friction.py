@@ -97,7 +97,7 @@ class BraidFriction(AbstractMemory):
             "direction pressure", "direction length", "speed",
         ),
         # The course after a reversal may be faster or slower.
-        alternatives=({"presliding": 0.3}, {"presliding": 3.0}),
+        shape_factors=({"presliding": 0.3}, {"presliding": 3.0}),
     )  # fmt: skip
 
     coefficient: Scalar = parameter(

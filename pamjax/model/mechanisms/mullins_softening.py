@@ -54,7 +54,7 @@ class MullinsSoftening(AbstractMemory):
     form_error: ClassVar[FormError] = FormError(
         (*list_powers("pressure", 3), *list_powers("length", 3), "pressure length"),
         # The softening may act over a narrower or a wider range below the largest stretch.
-        alternatives=({"width": 0.25}, {"width": 4.0}),
+        shape_factors=({"width": 0.25}, {"width": 4.0}),
     )
 
     modulus: Scalar = parameter(

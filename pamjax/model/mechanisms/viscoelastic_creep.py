@@ -81,7 +81,7 @@ class ViscoelasticCreep(AbstractMemory):
     )
     form_error: ClassVar[FormError] = FormError(
         ("pressure", "length", "pressure length", "direction"),
-        alternatives=(
+        shape_factors=(
             {"time_short": 0.25, "time_long": 0.25},
             {"time_short": 4.0},
             {"time_long": 4.0},

@@ -10,13 +10,13 @@ from pamjax.channels import DISPLAY_UNIT
 from pamjax.model.parameters import find_meaning
 from pamjax.planning.plan import ALL_PARAMETERS, ExpectedSd, Plan
 from pamjax.planning.report import (
-    format_alternatives,
     format_isobars,
     format_minutes,
     format_misfit,
     format_neglected,
     format_precision,
     format_rough_precision,
+    format_simpler_protocols,
     format_single_channel,
 )
 from pamjax.units import format_quantity
@@ -50,7 +50,7 @@ def write_plan_report(
             for count, run in plan.chosen_runs
         ],
         expected_sds=[_build_expected_row(name, expected) for name, expected in plan.expected_sds.items()],
-        alternatives=[f"{_capitalise(line)}." for line in format_alternatives(plan)],
+        simpler_protocols=[f"{_capitalise(line)}." for line in format_simpler_protocols(plan)],
         rig=_list_rig_rows(plan),
         rig_errors=[_build_error_row(name, sd) for name, sd in plan.prior.capabilities.assumed_sds.items()],
         neglected=f"{_capitalise(format_neglected(plan))}.",

@@ -10,7 +10,7 @@ from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.refit.model_fit import fit_model, get_free_indices, switch_on_candidate
 from pamjax.diagnosis.select.model_averaging import _weigh_minima, average_models
-from pamjax.diagnosis.select.selection import NamedMechanism
+from pamjax.diagnosis.select.selection import NamedMechanism, RivalFit
 from tests.diagnosis.bank import BankRecording, simulate_bank
 from tests.diagnosis.plain_fits import build_fit
 
@@ -62,7 +62,11 @@ def test_sd_includes_the_shift_of_a_tie():
     tied = fit_parameters(problem, fit.noise, get_free_indices(problem, [other]), start)
     shift = tied.values - fit.estimate.values
     tie = NamedMechanism(
-        "force_offset", 0.9, ("pressure_offset",), 50.0, alternatives=((0.5, other, tied.values),)
+        "force_offset",
+        0.9,
+        ("pressure_offset",),
+        50.0,
+        indistinguishable_fits=(RivalFit(0.5, other, tied.values),),
     )
     averaged = average_models(problem, fit, (tie,))
     k = baseline[np.argmax(np.abs(shift[baseline] / [fit.sd(k) for k in baseline]))]

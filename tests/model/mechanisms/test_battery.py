@@ -23,12 +23,12 @@ from pamjax.model.mechanism import (
 )
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.mechanisms.braid_friction import BraidFriction
-from pamjax.model.registry import ALTERNATIVES, EXCLUSIVE_PAIRS, MECHANISMS, list_mechanisms
+from pamjax.model.registry import ALTERNATIVE_EQUATIONS, EXCLUSIVE_PAIRS, MECHANISMS, list_mechanisms
 from pamjax.parameter import list_field_meanings, list_values, replace_values
 from tests.agreement import BY_DIFFERENCE, ROUNDING, SOLVED, agree
 from tests.model.mechanisms.typical import anywhere, bench, full, own, strokes, usual
 
-EVERY = MECHANISMS + ALTERNATIVES
+EVERY = MECHANISMS + ALTERNATIVE_EQUATIONS
 
 every = pytest.mark.parametrize("kind", EVERY, ids=lambda kind: kind.id)
 
@@ -51,7 +51,7 @@ class Program:
     """A compiled bench with every mechanism; a test sets the parameters of one of them."""
 
     def __init__(self):
-        self.bench, self.at = full(*(kind() for kind in ALTERNATIVES)), strokes()
+        self.bench, self.at = full(*(kind() for kind in ALTERNATIVE_EQUATIONS)), strokes()
         self.names = list(list_values(self.bench))
         self.neutral = np.array([float(v) for v in list_values(self.bench).values()])
         self.row_count = compile_on_call(jax.vmap(self.plain))
@@ -188,7 +188,7 @@ def test_mechanism_has_a_complete_description(kind):
     assert all((about.title, about.equation, about.signature, about.neglects, about.experiment, about.source))
     assert about.equation.isascii()
     assert importlib.import_module(f"pamjax.model.mechanisms.{kind.id}").__dict__[kind.__name__] is kind
-    assert kind.id in WORDS or kind in ALTERNATIVES
+    assert kind.id in WORDS or kind in ALTERNATIVE_EQUATIONS
     assert set(about.confusable) <= WORDS
     assert kind.id not in about.confusable
     assert "Neutral" in kind.__doc__
@@ -206,7 +206,7 @@ def test_mechanism_has_a_complete_description(kind):
 
 
 def test_alternatives_exclude_each_other():
-    for kind in ALTERNATIVES:
+    for kind in ALTERNATIVE_EQUATIONS:
         assert any(frozenset({kind.id, other}) in EXCLUSIVE_PAIRS for other in WORDS), kind.id
 
 
