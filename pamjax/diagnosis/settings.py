@@ -2,6 +2,10 @@
 
 `pamjax.diagnose(case, settings=DiagnosisSettings(...))` uses other values. The report prints all of them.
 Pure numerical constants (tolerances of a minimiser, nodes of an interpolation) stay in their modules.
+
+Units: "χ²" is a difference of −2 ln likelihood. "BIC" is a difference of the Bayesian information criterion,
+about twice the logarithm of the Bayes factor: 12 is odds of 400 to 1. "Excess χ²" is χ² minus its expected
+value for noise alone.
 """
 
 from __future__ import annotations
@@ -80,7 +84,7 @@ class DiagnosisSettings:
     min_near_step_share: float = _noise(NOISE_SETTINGS.min_near_step_share, "share of the steps", 0.0, 1.0,
         "Exclude larger steps as outliers if at least this share is within 3.5 robust sd",
         "large steps count as noise more often")
-    max_input_noise_chi2_share: float = _noise(0.1, "share of the samples", 0.0, 1.0,
+    max_input_noise_chi2_share: float = _noise(0.1, "χ² per sample", 0.0, 1.0,
         "Subtract at most this from the χ² of a model with memory, for noise of pressure and length",
         "favours models that amplify input noise")
 
@@ -103,8 +107,8 @@ class DiagnosisSettings:
     min_speed_ratio_for_power: float = _library(1.5, "1", 1.0, 1e3,
         "Estimate the power of viscous damping if fast strokes are at least this much faster than slow ones",
         "fewer recordings estimate the power")
-    max_stated_chi2: float = _library(12.0, "χ²", 0.0, 1e4,
-        "Limit the bonus of a mechanism for its stated value (thread compliance) to this",
+    max_stated_chi2: float = _library(12.0, "BIC", 0.0, 1e4,
+        "Decrease the BIC of a mechanism with a stated value (thread compliance) by at most this",
         "favours mechanisms with stated values")
 
     # Refit: least squares with priors.
@@ -123,8 +127,8 @@ class DiagnosisSettings:
     max_correction_steps: int = _refit(6, "count", 0, 1000,
         "Limit the Gauss–Newton steps of that correction to this",
         "the correction can go further")
-    min_correction_decrease: float = _refit(1.0, "χ²", 0.0, 1e4,
-        "End that correction when a step decreases the cost by less than this",
+    min_correction_decrease: float = _refit(1.0, "χ² with priors", 0.0, 1e4,
+        "End that correction when a step decreases χ² by less than this",
         "the correction is faster and less complete")
     min_misfit_mean_square: float = _refit(MIN_MISFIT_MEAN_SQUARE, "noise variances", 1.0, 1e6,
         "Weight the samples for systematic misfit if their mean squared residual exceeds this",
@@ -211,7 +215,7 @@ class DiagnosisSettings:
     max_mechanisms: int = _select(4, "count", 0, 20,
         "Limit the number of mechanisms in a model to this",
         "more mechanisms can be identified")
-    tie_chi2: float = _select(12.0, "χ²", 0.0, 1e6,
+    tie_chi2: float = _select(12.0, "BIC", 0.0, 1e6,
         "Report two mechanisms as indistinguishable if their BIC differs by less than this",
         "more mechanisms count as indistinguishable")
     tie_excess_share: float = _select(0.1, "share of the excess χ²", 0.0, 10.0,
@@ -220,10 +224,10 @@ class DiagnosisSettings:
     rivals_refitted: int = _select(5, "count", 1, 100,
         "Refit this many rivals for each identified mechanism",
         "slower; more rivals are compared")
-    comparison_excess_chi2: float = _select(8.0, "χ²", 1e-6, 1e9,
-        "Double the χ² scale of the comparison of rivals for a model with this excess χ²",
+    comparison_excess_chi2: float = _select(8.0, "excess χ²", 1e-6, 1e9,
+        "Halve the BIC differences in the comparison of rivals for a model with this excess χ²",
         "probabilities are closer to 0 and 1")
-    rough_chi2_margin: float = _select(36.0, "χ²", 0.0, 1e6,
+    rough_chi2_margin: float = _select(36.0, "BIC", 0.0, 1e6,
         "Refit a rival to the minimum if its rough refit increases the BIC by less than this",
         "slower; more rivals are refitted")
     established_probability: float = _select(0.5, "1", 0.0, 1.0,
@@ -241,19 +245,19 @@ class DiagnosisSettings:
     pair_swap_rounds: int = _select(2, "count", 0, 100,
         "Replace mechanisms by pairs in at most this many rounds",
         "slower; fewer mechanisms are missed")
-    max_rough_chi2_share: float = _select(0.2, "share of the samples", 0.0, 1e3,
-        "Continue the search from a pair if its rough refit increases the BIC by less than this",
+    max_rough_chi2_share: float = _select(0.2, "BIC per sample", 0.0, 1e3,
+        "Continue the search from a pair if its rough refit increases the BIC by less than this per sample",
         "slower; fewer mechanisms are missed")
-    max_noise_chi2_sd: float = _select(2.0, "sd of χ²", 0.0, 100.0,
+    max_noise_chi2_sd: float = _select(2.0, "sd of the χ² of noise", 0.0, 100.0,
         "Treat an excess χ² below this as noise (also in cross-validation)",
         "more models count as complete")
-    same_pair_chi2_share: float = _select(0.001, "share of the χ² reduction", 0.0, 1.0,
+    same_pair_chi2_share: float = _select(0.001, "share of the BIC reduction", 0.0, 1.0,
         "Treat two pairs with one common mechanism as the same if they differ by less than this",
         "fewer similar pairs are refitted")
-    min_joint_excess_share: float = _select(2 / 3, "share of the excess", 0.0, 1.0,
+    min_joint_excess_share: float = _select(2 / 3, "share of the excess χ²", 0.0, 1.0,
         "Add small effects only if together they explain more than this share of the misfit",
         "fewer small effects are identified")
-    min_single_excess_share: float = _select(0.1, "share of the excess", 0.0, 1.0,
+    min_single_excess_share: float = _select(0.1, "share of the excess χ²", 0.0, 1.0,
         "Add small effects only if each explains more than this share of the misfit",
         "fewer small effects are identified")
     false_addition_probability: float = _select(0.01, "1", 1e-300, 1.0,
@@ -271,14 +275,14 @@ class DiagnosisSettings:
     alternative_fit_evaluations: int = _select(10, "count", 1, 1000,
         "End a refit from another shape, or with a rival, after this many evaluations",
         "slower; the minima are more accurate")
-    max_alternative_chi2: float = _select(20.0, "χ²", 0.0, 1e6,
+    max_alternative_chi2: float = _select(20.0, "χ² with priors", 0.0, 1e6,
         "Include another minimum in the standard deviations if it increases χ² by less than this",
         "slower; standard deviations include more minima")
-    min_chi2_improvement: float = _select(0.5, "χ²", 0.0, 1e6,
+    min_chi2_improvement: float = _select(0.5, "χ² with priors", 0.0, 1e6,
         "Replace the estimate by another minimum if it decreases χ² by more than this",
         "the first minimum is kept more often")
-    distance_chi2_tolerance: float = _select(4.0, "χ²", 0.0, 1e6,
-        "Treat a fit as another minimum if its distance exceeds this",
+    distance_chi2_tolerance: float = _select(4.0, "χ² with priors", 0.0, 1e6,
+        "Treat a fit as another minimum if its squared distance in sd of the estimate exceeds this",
         "fewer minima contribute to the standard deviations")
 
     # Cross-validation on whole blocks.
