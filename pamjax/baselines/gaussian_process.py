@@ -38,9 +38,9 @@ def build_inputs(problem: LibraryProblem) -> np.ndarray:
     pressure = np.asarray(problem.dataset.history.rate(problem.dataset.rows.pressure))[: problem.n]
     length = np.asarray(problem.dataset.history.rate(problem.dataset.rows.length))[: problem.n]
     # At a fixed length, direction and speed are those of the pressure.
-    strokes = bool(np.any(axes.direction != 0))
+    strokes = bool(np.any(axes.motion != 0))
     rate, direction = (
-        (length, axes.direction / SHORTENING) if strokes else (pressure, _compute_rate_sign(pressure))
+        (length, axes.motion / SHORTENING) if strokes else (pressure, _compute_rate_sign(pressure))
     )
     columns = [axes.pressure, axes.contraction, direction]
     speeds = np.abs(rate)[direction != 0]

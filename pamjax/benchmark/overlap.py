@@ -15,14 +15,14 @@ from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, RecordingAxes
 from pamjax.infer.problem.dataset import CHANNELS
 
-#: Share of a squared effect outside a box at each end, and smallest share for a direction of motion.
-_TRUE_BOX_TAIL_SHARE, _MIN_TRUE_DIRECTION_SHARE = 0.05, 0.15
+#: Share of a squared effect outside a box at each end, and smallest share for a motion.
+_TRUE_BOX_TAIL_SHARE, _MIN_TRUE_MOTION_SHARE = 0.05, 0.15
 #: Smallest rms on a channel over the largest, for a box on that channel.
 _MIN_TRUE_BOX_RMS_RATIO = 0.5
 #: Intervals shorter than this share of the recorded range are widened to it, so that points can match.
 _MIN_INTERVAL_SHARE = 0.02
 
-_DIRECTION_SETS = {
+_MOTION_SETS = {
     "shortening": {SHORTENING},
     "lengthening": {LENGTHENING},
     "both": {SHORTENING, LENGTHENING},
@@ -34,7 +34,7 @@ def compute_true_boxes(axes: RecordingAxes, effects: np.ndarray, noise: np.ndarr
     """Return the true boxes of effects.
 
     Args:
-        axes: pressure, contraction, time and direction of every row.
+        axes: pressure, contraction, time and motion of every row.
         effects: (k, 2, n) effects, SI; NaN where not measured.
         noise: (2, n) standard deviation of a sample, SI.
     """
@@ -54,14 +54,14 @@ def compute_true_boxes(axes: RecordingAxes, effects: np.ndarray, noise: np.ndarr
 
 def _build_true_box(axes: RecordingAxes, channel: str, square: np.ndarray) -> Box:
     spans = [_compute_middle_range(getattr(axes, axis), square) for axis in _BOX_AXES]
-    moving = {way: float(square[axes.direction == way].sum()) for way in (SHORTENING, LENGTHENING)}
-    direction, both = "both", sum(moving.values())
+    moving = {way: float(square[axes.motion == way].sum()) for way in (SHORTENING, LENGTHENING)}
+    motion, both = "both", sum(moving.values())
     if both >= 0.5 * square.sum():
-        if moving[SHORTENING] < _MIN_TRUE_DIRECTION_SHARE * both:
-            direction = "lengthening"
-        elif moving[LENGTHENING] < _MIN_TRUE_DIRECTION_SHARE * both:
-            direction = "shortening"
-    return Box(channel, direction, spans[0], spans[1], spans[2], 1.0, "")
+        if moving[SHORTENING] < _MIN_TRUE_MOTION_SHARE * both:
+            motion = "lengthening"
+        elif moving[LENGTHENING] < _MIN_TRUE_MOTION_SHARE * both:
+            motion = "shortening"
+    return Box(channel, motion, spans[0], spans[1], spans[2], 1.0, "")
 
 
 def _compute_middle_range(values: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
@@ -95,8 +95,7 @@ def _compute_box_overlap(claim: Box, other: Box, domain: dict[str, tuple[float, 
     if claim.channel != other.channel:
         return 0.0
     shared_count, total_count = (
-        len(f(_DIRECTION_SETS[claim.direction], _DIRECTION_SETS[other.direction]))
-        for f in (set.__and__, set.__or__)
+        len(f(_MOTION_SETS[claim.motion], _MOTION_SETS[other.motion])) for f in (set.__and__, set.__or__)
     )
     out = shared_count / total_count
     for axis, (low, high) in domain.items():

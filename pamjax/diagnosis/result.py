@@ -277,7 +277,7 @@ def _compute_correlation_time(problem: LibraryProblem, rows: np.ndarray, correla
 def _serialise_box(box: Box) -> dict[str, Any]:
     return {
         "channel": box.channel,
-        "direction": box.direction,
+        "direction": box.motion,
         "pressure_kPa": [p / 1e3 for p in box.pressure],
         "contraction": list(box.contraction),
         "time_s": list(box.time),

@@ -28,8 +28,8 @@ def boxes(weight):
 
 
 def test_true_region_contains_the_effect():
-    (box,) = boxes((AT.pressure > 5e4) & (AT.contraction < 0.1) & (AT.direction == 1))
-    assert (box.channel, box.direction) == ("force", "lengthening")
+    (box,) = boxes((AT.pressure > 5e4) & (AT.contraction < 0.1) & (AT.motion == 1))
+    assert (box.channel, box.motion) == ("force", "lengthening")
     assert box.pressure == pytest.approx((5.25e4, 9.75e4), abs=1.5e3)
     assert box.contraction == pytest.approx((0.005, 0.095), abs=0.006)
 
@@ -38,7 +38,7 @@ def test_true_region_is_weighted_by_the_squared_effect():
     (box,) = boxes(AT.pressure)
     # ∫ p² dp: a fraction s is below s^(1/3) of the range.
     assert box.pressure == pytest.approx((1e5 * 0.05 ** (1 / 3), 1e5 * 0.95 ** (1 / 3)), abs=1.5e3)
-    assert box.direction == "both"
+    assert box.motion == "both"
 
 
 def test_overlap_is_one_for_the_same_region_and_zero_for_another_channel():
@@ -51,7 +51,7 @@ def test_overlap_is_one_for_the_same_region_and_zero_for_another_channel():
 def test_overlap_is_the_product_over_the_axes():
     quarter = replace(WHOLE, pressure=(0, 5e4), contraction=(0, 0.15))
     assert compute_overlap(AT, [quarter], [WHOLE]) == pytest.approx(0.25)
-    assert compute_overlap(AT, [replace(quarter, direction="shortening")], [WHOLE]) == pytest.approx(0.125)
+    assert compute_overlap(AT, [replace(quarter, motion="shortening")], [WHOLE]) == pytest.approx(0.125)
     assert compute_blind_overlap(AT, [quarter]) == pytest.approx(0.25)
     assert (
         compute_overlap(AT, [replace(WHOLE, pressure=(0, 4e4))], [replace(WHOLE, pressure=(6e4, 1e5))]) == 0.0

@@ -12,7 +12,7 @@ import pytest
 import pamjax
 from pamjax.diagnosis.crossval.block_cross_validation import _compute_explained_fraction
 from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask
-from pamjax.diagnosis.detect.locate import _find_direction
+from pamjax.diagnosis.detect.locate import _find_motion
 from pamjax.diagnosis.detect.regions import RecordingAxes, split_into_regions
 from pamjax.diagnosis.detect.residual_test import is_residual_large, is_residual_significant
 from pamjax.diagnosis.detect.significance import Significance
@@ -228,7 +228,7 @@ OFFER = [Experiment("short", ("a", "b"), 0.8, 5.0), Experiment("long", ("a", "b"
             1.0,
         ),
         (
-            lambda s: _find_direction(s, np.array([-1, 1]), np.array([0.2, 1.0])),
+            lambda s: _find_motion(s, np.array([-1, 1]), np.array([0.2, 1.0])),
             {"min_direction_share": 0.3},
             "both",
             "lengthening",

@@ -1,8 +1,8 @@
 """Regions of a recording in which a shift of the mean is tested, for misfit that no mechanism causes.
 
-A region is a range of pressure or of contraction, a direction of motion, or an interval of time. Two of the
-first three can be combined. In each region, a constant shift in standard deviations of the noise is one more
-test direction.
+A region is a range of pressure or of contraction, a motion (shortening, lengthening, none), or an interval of
+time. Two of the first three can be combined. In each region, a constant shift in standard deviations of the
+noise is one more tested direction of the residual (`significance.py`).
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ class RecordingAxes:
         pressure: (n,) Pa.
         contraction: (n,) 1 − length / rest length.
         time: (n,) s; row numbers in a static table.
-        direction: (n,) −1 shortening, 0 at rest, 1 lengthening.
+        motion: (n,) −1 shortening, 0 at rest, 1 lengthening.
     """
 
     pressure: np.ndarray
     contraction: np.ndarray
     time: np.ndarray
-    direction: np.ndarray
+    motion: np.ndarray
 
 
 def build_axes(problem: LibraryProblem) -> RecordingAxes:
@@ -56,25 +56,25 @@ def build_axes(problem: LibraryProblem) -> RecordingAxes:
     min_speed = np.maximum(
         problem.settings.min_speed_share * float(np.nanquantile(np.abs(rate), 0.95)), noise
     )
-    moving = np.abs(rate) > min_speed
-    direction = np.where(moving, np.sign(rate), STILL).astype(int)
-    return RecordingAxes(recording.pressure, 1 - recording.length / rest_length, time, direction)
+    is_moving = np.abs(rate) > min_speed
+    motion = np.where(is_moving, np.sign(rate), STILL).astype(int)
+    return RecordingAxes(recording.pressure, 1 - recording.length / rest_length, time, motion)
 
 
 def split_into_regions(axes: RecordingAxes, settings: DiagnosisSettings) -> list[np.ndarray]:
     """Return the masks of all regions, (n,) each."""
     pressures = split_range(axes.pressure, settings.ranges_per_axis)
     contractions = split_range(axes.contraction, settings.ranges_per_axis)
-    directions = [axes.direction == direction for direction in (SHORTENING, STILL, LENGTHENING)]
-    directions = [direction for direction in directions if direction.any()]
+    motions = [axes.motion == motion for motion in (SHORTENING, STILL, LENGTHENING)]
+    motions = [mask for mask in motions if mask.any()]
     intervals = split_range(axes.time, settings.time_ranges)
     intersections = [
         a & b
-        for first, second in itertools.combinations((pressures, contractions, directions), 2)
+        for first, second in itertools.combinations((pressures, contractions, motions), 2)
         for a in first
         for b in second
     ]
-    return [*pressures, *contractions, *directions, *intervals, *intersections]
+    return [*pressures, *contractions, *motions, *intervals, *intersections]
 
 
 def split_range(values: np.ndarray, count: int) -> list[np.ndarray]:

@@ -102,7 +102,7 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
     )
     residual = _compute_standard_residual(diagnosis.problem, diagnosis.baseline)[channel_index]
     x, y = _select_axes(diagnosis.problem, coordinates)
-    panel_parts = list(_list_directions(coordinates, np.isfinite(residual)))
+    panel_parts = list(_list_motions(coordinates, np.isfinite(residual)))
     boxes = [
         (number, box)
         for number, box in enumerate(diagnosis.mismatch_boxes, 1)
@@ -116,10 +116,10 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
         shape = (len(panel_parts), 1) if narrow else (1, len(panel_parts))
         panels = list(drawing.subplots(*shape, sharex=True, sharey=True, squeeze=False).flat)
         mesh = None
-        for panel, (name, directions, _), mean in zip(panels, panel_parts, cells, strict=True):
+        for panel, (name, motions, _), mean in zip(panels, panel_parts, cells, strict=True):
             mesh = _plot_cells(panel, x, y, mean, colour_limit)
             for number, box in boxes:
-                if box.direction in directions:
+                if box.motion in motions:
                     _plot_box(panel, number, x.find_box_limits(box), y.find_box_limits(box))
             panel.set(title=name, xlabel=x.label, ylabel=y.label)
             panel.label_outer()
@@ -152,15 +152,15 @@ def _format_location(diagnosis: Diagnosis, channel: str) -> str:
     )
 
 
-def _list_directions(
+def _list_motions(
     coordinates: RecordingAxes, is_measured: np.ndarray
 ) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:
-    """Yield the title, the directions of boxes and the (n,) mask of rows of each panel."""
-    if np.mean(coordinates.direction[is_measured] != STILL) < _MIN_MOVING_SHARE:
+    """Yield the title, the motions of boxes and the (n,) mask of rows of each panel."""
+    if np.mean(coordinates.motion[is_measured] != STILL) < _MIN_MOVING_SHARE:
         yield "", ("both", "shortening", "lengthening"), is_measured
         return
-    for name, direction in (("shortening", SHORTENING), ("lengthening", LENGTHENING)):
-        yield f"while {name}", ("both", name), is_measured & (coordinates.direction == direction)
+    for name, motion in (("shortening", SHORTENING), ("lengthening", LENGTHENING)):
+        yield f"while {name}", ("both", name), is_measured & (coordinates.motion == motion)
 
 
 def _select_axes(problem: LibraryProblem, coordinates: RecordingAxes) -> tuple[MapAxis, MapAxis]:

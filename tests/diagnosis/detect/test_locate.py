@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 
+from pamjax.diagnosis.detect.box_sentence import BoxDeviation, format_box, format_extremes, split_box
 from pamjax.diagnosis.detect.locate import (
     Box,
     _compute_weighted_range,
     _divide_shares,
-    _find_direction,
-    _format_box,
-    _format_extremes,
-    _split_box,
+    _find_motion,
     _UnsharedBox,
 )
 from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, RecordingAxes
@@ -24,8 +22,8 @@ PRESSURE = np.array([138e3, 276e3, 414e3, 552e3, 689e3])
 def format_diameter_box(off):
     at = RecordingAxes(PRESSURE, np.zeros(5), np.arange(5.0), np.zeros(5, int))
     ends = (138e3, 689e3), (0.0, 0.0)
-    return _format_box(
-        DEFAULT_SETTINGS, "diameter", "both", *ends, np.array(off) * 1e-3, np.ones(5, bool), at, np.zeros(5)
+    return format_box(
+        BoxDeviation("diameter", "both", *ends, at, np.ones(5, bool), np.array(off) * 1e-3, np.zeros(5))
     )
 
 
@@ -48,17 +46,8 @@ def test_misfit_along_pressure_is_not_reported_by_direction():
 
     def format_force_box(by_way):
         off = np.linspace(-6, 6, 20).repeat(2) + np.where(way == LENGTHENING, by_way, -by_way)
-        return _format_box(
-            DEFAULT_SETTINGS,
-            "force",
-            "both",
-            (1e5, 4e5),
-            (0.0, 0.0),
-            off,
-            np.ones(40, bool),
-            at,
-            np.zeros(40),
-        )
+        ends = (1e5, 4e5), (0.0, 0.0)
+        return format_box(BoxDeviation("force", "both", *ends, at, np.ones(40, bool), off, np.zeros(40)))
 
     assert (
         "force relative to the baseline increases with pressure, from about 5.7 N lower"
@@ -75,10 +64,8 @@ def at_lengths(means, noise=2.0, way=0):
     n = pressure.size
     at = RecordingAxes(pressure, contraction, np.arange(float(n)), np.full(n, way))
     off = np.repeat(means, many) + noise * rng.standard_normal(n)
-    ends, direction = ((368e3, 624e3), (0.0, 0.12)), {0: "both", SHORTENING: "shortening"}[way]
-    return _format_box(
-        DEFAULT_SETTINGS, "force", direction, *ends, off, np.ones(n, bool), at, np.full(n, noise)
-    )
+    ends, motion = ((368e3, 624e3), (0.0, 0.12)), {0: "both", SHORTENING: "shortening"}[way]
+    return format_box(BoxDeviation("force", motion, *ends, at, np.ones(n, bool), off, np.full(n, noise)))
 
 
 PLACE = "Between 368 and 624 kPa, 0 to 12 % contracted, force"
@@ -113,9 +100,7 @@ def test_misfit_by_direction_must_have_one_sign_at_all_lengths():
     def format_force_box(last):
         off = way * np.where(contraction == 0.12, last, 20.0) + 0.5
         ends = (4e5, 4e5), (0.0, 0.12)
-        return _format_box(
-            DEFAULT_SETTINGS, "force", "both", *ends, off, np.ones(800, bool), at, np.ones(800)
-        )
+        return format_box(BoxDeviation("force", "both", *ends, at, np.ones(800, bool), off, np.ones(800)))
 
     assert "than the baseline while the muscle lengthens and" in format_force_box(10.0)
     assert "higher or lower" in format_force_box(-10.0)
@@ -146,8 +131,9 @@ def test_extremes_of_different_directions_are_reported_with_their_direction():
     way = np.repeat([SHORTENING, LENGTHENING], 100)
     at = RecordingAxes(np.full(200, 4e5), np.full(200, 0.1), np.arange(200.0), way)
     off = np.where(way == SHORTENING, -10.0, 50.0)
-    parts = _split_box(DEFAULT_SETTINGS, np.ones(200, bool), at)
-    assert _format_extremes(DEFAULT_SETTINGS, off, parts, at, 1.0, "N") == (
+    ends = (4e5, 4e5), (0.1, 0.1)
+    box = BoxDeviation("force", "both", *ends, at, np.ones(200, bool), off, np.zeros(200))
+    assert format_extremes(box, split_box(box)) == (
         "between about 10 N lower (shortening) and about 50 N higher (lengthening)"
     )
 
@@ -165,6 +151,4 @@ def test_region_contains_the_middle_of_the_weight():
     [(1, 1, 0, "both"), (1, 0.1, 0, "shortening"), (0.1, 1, 0, "lengthening"), (1, 0, 5, "both")],
 )
 def test_direction_counts_above_fifteen_percent(short, long, still, word):
-    assert (
-        _find_direction(DEFAULT_SETTINGS, np.array([-1, 1, 0]), np.array([short, long, still], float)) == word
-    )
+    assert _find_motion(DEFAULT_SETTINGS, np.array([-1, 1, 0]), np.array([short, long, still], float)) == word

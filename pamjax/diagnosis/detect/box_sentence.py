@@ -1,0 +1,182 @@
+"""The sentence of a box: how a recording deviates from a model there.
+
+The sentence is true in each part of the box: a range of pressure and of contraction in one motion. The mean
+deviation of a part can have the opposite sign beyond noise. The sentence then states the trend, or the lowest
+and the highest mean with their places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.diagnosis.detect.regions import (
+    LENGTHENING,
+    SHORTENING,
+    STILL,
+    RecordingAxes,
+    split_range,
+)
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
+
+#: Motions as text.
+_MOTION_TEXTS = {SHORTENING: "shortening", STILL: "at rest", LENGTHENING: "lengthening"}
+
+
+@dataclass(frozen=True, eq=False)
+class BoxDeviation:
+    """Deviation of a recording from a model in a box.
+
+    Attributes:
+        channel: "force" or "diameter".
+        motion: "shortening", "lengthening" or "both".
+        pressure: lowest and highest, Pa.
+        contraction: lowest and highest.
+        axes: coordinates of all rows.
+        inside: (n,) whether a row is in the box.
+        deviation: (n,) deviation of the channel, SI.
+        sd: (n,) standard deviation of its noise, SI.
+        reference: the model, in words.
+        settings: thresholds of the diagnosis.
+    """
+
+    channel: str
+    motion: str
+    pressure: tuple[float, float]
+    contraction: tuple[float, float]
+    axes: RecordingAxes
+    inside: np.ndarray
+    deviation: np.ndarray
+    sd: np.ndarray
+    reference: str = "the baseline"
+    settings: DiagnosisSettings = DEFAULT_SETTINGS
+
+    @property
+    def place(self) -> str:
+        """Return the ranges of pressure and contraction as text."""
+        text = f"Between {self.pressure[0] / 1e3:.0f} and {self.pressure[1] / 1e3:.0f} kPa"
+        low, high = self.contraction
+        return f"{text}, {100 * low:z.0f} to {100 * high:z.0f} % contracted" if high - low > 1e-3 else text
+
+    def format_difference(self, value: float) -> str:
+        """Return a deviation as text, as "about 12 N lower"."""
+        return f"about {self.format_size(value)} {'higher' if value > 0 else 'lower'}"
+
+    def format_size(self, value: float) -> str:
+        """Return the size of a deviation as text, as "12 N"."""
+        size, unit = abs(value) * to_display(self.channel, 1.0), DISPLAY_UNIT[self.channel]
+        return f"{size:.0f} {unit}" if size >= 100 else f"{size:.2g} {unit}"
+
+    def compute_one_sided_rms(self, rows: np.ndarray) -> float | None:
+        """Return the signed rms of some rows; None if their mean is small compared with it."""
+        values = self.deviation[rows]
+        signed_rms = _compute_signed_rms(values)
+        if signed_rms is None:
+            return None
+        is_one_sided = abs(float(np.mean(values))) >= self.settings.min_one_sided_ratio * abs(signed_rms)
+        return signed_rms if is_one_sided else None
+
+
+def format_box(box: BoxDeviation) -> str:
+    """Return the sentence of a box."""
+    parts = split_box(box)
+    by_motion = _format_by_motion(box, parts)
+    if by_motion:
+        return f"{box.place}, {by_motion}."
+    typical = _compute_signed_rms(box.deviation[box.inside]) or 0.0
+    text = f"{box.channel} is {box.format_difference(typical)} than {box.reference}"
+    if box.compute_one_sided_rms(box.inside) is None:
+        text = _format_trend(box) or (
+            f"{box.channel} is about {box.format_size(typical)} higher or lower than {box.reference}"
+        )
+    elif _has_both_signs(box, parts):
+        text = _format_trend(box) or f"{box.channel} is {format_extremes(box, parts)} than {box.reference}"
+    if box.motion != "both":
+        text += f" while the muscle {'shortens' if box.motion == 'shortening' else 'lengthens'}"
+    return f"{box.place}, {text}."
+
+
+def split_box(box: BoxDeviation) -> list[np.ndarray]:
+    """Return the rows of each part of a box: ranges of pressure and of contraction in each motion."""
+    rows, axes, settings = np.flatnonzero(box.inside), box.axes, box.settings
+    if not rows.size:
+        return []
+    all_rows = np.ones(rows.size, dtype=bool)
+    pressure_ranges, contraction_ranges = (
+        split_range(x[rows], settings.ranges_per_box) or [all_rows] for x in (axes.pressure, axes.contraction)
+    )
+    motions = [axes.motion[rows] == motion for motion in (SHORTENING, STILL, LENGTHENING)]
+    parts = [rows[p & c & m] for p in pressure_ranges for c in contraction_ranges for m in motions]
+    return [part for part in parts if part.size >= max(1, settings.min_part_share * rows.size)]
+
+
+def _format_by_motion(box: BoxDeviation, parts: Sequence[np.ndarray]) -> str:
+    """Return the deviations of both motions; empty unless they have opposite signs, each in all parts."""
+    shortening, lengthening = (
+        box.compute_one_sided_rms(box.inside & (box.axes.motion == motion))
+        for motion in (SHORTENING, LENGTHENING)
+    )
+    if box.motion != "both" or shortening is None or lengthening is None or shortening * lengthening >= 0:
+        return ""
+    if any(
+        _has_both_signs(box, [part for part in parts if box.axes.motion[part[0]] == motion])
+        for motion in (SHORTENING, LENGTHENING)
+    ):
+        return ""
+    return (
+        f"{box.channel} is {box.format_difference(lengthening)} than {box.reference} while the muscle"
+        f" lengthens and {box.format_difference(shortening)} while it shortens"
+    )
+
+
+def _has_both_signs(box: BoxDeviation, parts: Sequence[np.ndarray]) -> bool:
+    """Return whether the mean deviations of parts have both signs, beyond the noise of a sample."""
+    means = [float(np.mean(box.deviation[part])) for part in parts]
+    significant = [mean for mean, part in zip(means, parts, strict=True) if abs(mean) > np.mean(box.sd[part])]
+    return min(significant, default=0.0) < 0 < max(significant, default=0.0)
+
+
+def format_extremes(box: BoxDeviation, parts: Sequence[np.ndarray]) -> str:
+    """Return the lowest and the highest mean deviation of parts, with their places if these differ."""
+    low, high = (pick(parts, key=lambda part: float(np.mean(box.deviation[part]))) for pick in (min, max))
+    rows, places = np.concatenate(parts), [[], []]
+    for values, size, name in ((box.axes.pressure, 1e-3, "kPa"), (box.axes.contraction, 100, "% contracted")):
+        means = [float(np.mean(values[part])) for part in (low, high)]
+        if abs(means[1] - means[0]) > box.settings.min_part_distance_share * np.ptp(values[rows]):
+            for place, x in zip(places, means, strict=True):
+                place.append(f"{size * x:z.0f} {name}")
+    texts = []
+    for part, place in zip((low, high), places, strict=True):
+        remarks = [f"near {', '.join(place)}"] if place else []
+        if box.axes.motion[low[0]] != box.axes.motion[high[0]]:
+            remarks.append(_MOTION_TEXTS[int(box.axes.motion[part[0]])])
+        difference = box.format_difference(float(np.mean(box.deviation[part])))
+        texts.append(difference + (f" ({', '.join(remarks)})" if remarks else ""))
+    return f"between {texts[0]} and {texts[1]}"
+
+
+def _format_trend(box: BoxDeviation) -> str:
+    """Return the trend of the deviation with pressure or contraction; empty without a trend."""
+    values, settings = box.deviation[box.inside], box.settings
+    for name, coordinate in (("pressure", box.axes.pressure), ("contraction", box.axes.contraction)):
+        x = coordinate[box.inside]
+        if np.ptp(x) > 0 and abs(float(np.corrcoef(x, values)[0, 1])) > settings.min_trend_correlation:
+            ends = (
+                x <= np.quantile(x, settings.trend_end_share),
+                x >= np.quantile(x, 1 - settings.trend_end_share),
+            )
+            low, high = (float(np.mean(values[end])) for end in ends)
+            verb = "increases" if high > low else "decreases"
+            first, last = (box.format_difference(v) for v in (low, high))
+            return f"{box.channel} relative to {box.reference} {verb} with {name}, from {first} to {last}"
+    return ""
+
+
+def _compute_signed_rms(values: np.ndarray) -> float | None:
+    """Return the root mean square with the sign of the mean; None for fewer than three values."""
+    if values.size < 3:
+        return None
+    return float(np.sign(np.mean(values)) * np.sqrt(np.mean(values**2)))
