@@ -108,8 +108,7 @@ def _compute_speeds(problem: LibraryProblem) -> tuple[float, float]:
 def _compute_fitting_bore(problem: LibraryProblem) -> float:
     """Return the bore of a tube whose outer wall touches the braid at rest length, m."""
     muscle_toml = problem.case.muscle_toml
-    thread, turns = muscle_toml.braid
-    outer_diameter = np.sqrt(max(thread**2 - muscle_toml.rest_length.value**2, 0.0)) / (np.pi * turns)
+    outer_diameter = muscle_toml.compute_braid_diameter(muscle_toml.rest_length.value)
     return float(outer_diameter - 2 * problem.start[problem.index("bladder_elasticity.thickness")])
 
 

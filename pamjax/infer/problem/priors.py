@@ -105,9 +105,9 @@ def collect_mechanism_values(muscle_toml: MuscleToml, ids: Sequence[str]) -> dic
 
 def estimate_tube_sizes(muscle_toml: MuscleToml) -> dict[str, MeasuredValue]:
     """Return dimensions of the rubber tube and the fittings: stated values, or usual ones for the braid."""
-    thread, turns = muscle_toml.braid
+    thread, _ = muscle_toml.braid
     rest_length = muscle_toml.rest_length.value
-    outer = math.sqrt(max(thread**2 - rest_length**2, 0.0)) / (math.pi * turns)
+    outer = float(muscle_toml.compute_braid_diameter(rest_length))
     bladder = muscle_toml.bladder or Bladder()
     sizes = {
         "inner_diameter": bladder.inner_diameter or MeasuredValue(_DEFAULT_BORE_SHARE * outer),

@@ -167,8 +167,7 @@ def _check_force(
 def _check_diameter(
     recording: Recording, muscle_toml: MuscleToml, column_units: dict[str, str], file: str
 ) -> None:
-    thread, turns = muscle_toml.braid
-    ideal = np.sqrt(np.maximum(thread**2 - recording.length**2, 0.0)) / (math.pi * turns)
+    ideal = muscle_toml.compute_braid_diameter(recording.length)
     is_tested = np.isfinite(recording.diameter) & (ideal > 0)
     if not is_tested.any():
         return

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from pamjax.errors import BadInput
 from pamjax.records.reading.quantity import MeasuredValue
 from pamjax.records.reading.schema import MuscleDocument, MuscleTable, ThreadTable, read_document
@@ -102,6 +104,14 @@ class MuscleToml:
         return thread_length, thread_length * math.cos(self.braid_angle.value) / (
             math.pi * self.diameter.value
         )
+
+    def compute_braid_diameter(self, length: np.ndarray | float) -> np.ndarray:
+        """Return the diameter of the braid with inextensible threads, √(B² − L²) / (π N), at a length L, m.
+
+        It is zero beyond the thread length B.
+        """
+        thread, turns = self.braid
+        return np.sqrt(np.maximum(thread**2 - length**2, 0.0)) / (math.pi * turns)
 
 
 def read_muscle_toml(raw: bytes, file: str = "muscle.toml") -> MuscleToml:
