@@ -19,11 +19,11 @@ from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed, linearise
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.refit.model_fit import (
     ModelFit,
-    build_corrected_fit,
     get_free_indices,
     switch_off_candidate,
     switch_on_candidate,
 )
+from pamjax.diagnosis.select.neighbour_fits import refit_fully
 from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.diagnosis.settings import DiagnosisSettings
 
@@ -183,13 +183,4 @@ def fit_best_rival(
             )
             rough_fits.append(ModelFit(mechanisms, reduced_fit.noise, estimate))
     best = sorted(rough_fits, key=lambda m: m.estimate.chi2_with_priors)[: problem.settings.final_refit_count]
-    final_fits = [
-        build_corrected_fit(
-            problem,
-            m.mechanisms,
-            m.noise,
-            fit_parameters(problem, m.noise, m.estimate.free, m.estimate.values),
-        )
-        for m in best
-    ]
-    return min(final_fits, key=lambda m: m.corrected_chi2)
+    return min(refit_fully(problem, best), key=lambda m: m.corrected_chi2)

@@ -147,18 +147,19 @@ def fit_replacements(
 @memoise_per_fit(lambda k: k)
 def fit_without_mechanism(problem: LibraryProblem, fit: ModelFit, k: int) -> ModelFit:
     """Return the model without its k-th mechanism, refitted with the same noise."""
-    return _fit_without(problem, fit, [k])
+    return fit_without_mechanisms(problem, fit, [k])
 
 
 def refit_baseline(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
     """Return the baseline of a model, refitted with the noise of the model."""
-    return _fit_without(problem, fit, range(len(fit.mechanisms)))
+    return fit_without_mechanisms(problem, fit, range(len(fit.mechanisms)))
 
 
-def _fit_without(problem: LibraryProblem, fit: ModelFit, removed: Sequence[int]) -> ModelFit:
-    remaining = tuple(m for k, m in enumerate(fit.mechanisms) if k not in removed)
+def fit_without_mechanisms(problem: LibraryProblem, fit: ModelFit, positions: Sequence[int]) -> ModelFit:
+    """Return the model without the mechanisms at some positions, refitted with the same noise."""
+    remaining = tuple(m for k, m in enumerate(fit.mechanisms) if k not in positions)
     values = fit.estimate.values
-    for k in removed:
+    for k in positions:
         values = switch_off_candidate(problem, values, fit.mechanisms[k])
     free = get_free_indices(problem, remaining)
     return build_corrected_fit(

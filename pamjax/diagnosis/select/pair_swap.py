@@ -36,9 +36,9 @@ from pamjax.diagnosis.refit.model_fit import (
     build_corrected_fit,
     fit_model,
     get_free_indices,
-    switch_off_candidate,
     switch_on_candidate,
 )
+from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanisms
 from pamjax.diagnosis.select.search import MechanismSearch, prune_mechanisms, run_search
 from pamjax.model.registry import EXCLUSIVE_PAIRS
 from pamjax.progress import ignore_progress
@@ -136,21 +136,10 @@ def _fit_pair_replacements(
     """Return models with a pair in the place of some mechanisms, roughly refitted."""
     if len(fit.mechanisms) - len(positions) + 2 > search.settings.max_mechanisms:
         return []
-    problem, removed_candidates = search.problem, [fit.mechanisms[k] for k in positions]
-    remaining = tuple(candidate for candidate in fit.mechanisms if candidate not in removed_candidates)
-    values = fit.estimate.values
-    for candidate in removed_candidates:
-        values = switch_off_candidate(problem, values, candidate)
-    estimate = fit_parameters(
-        problem,
-        fit.noise,
-        get_free_indices(problem, remaining),
-        values,
-        2 * search.settings.rough_evaluations,
-    )
-    reduced_fit = build_corrected_fit(problem, remaining, fit.noise, estimate)
+    problem = search.problem
+    reduced_fit = fit_without_mechanisms(problem, fit, positions)
     scores = compute_score_directions(problem, reduced_fit.noise, reduced_fit.estimate, search.candidates)
-    removed_ids = frozenset(candidate.id for candidate in removed_candidates)
+    removed_ids = frozenset(fit.mechanisms[k].id for k in positions)
     pairs = rank_pairs(
         scores,
         reduced_fit,
