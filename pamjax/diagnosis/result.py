@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.diagnosis.crossval.held_out_errors import HeldOutErrors
+from pamjax.diagnosis.crossval.held_out_errors import HeldOutErrors, compute_rmse
 from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.form_errors.prediction import FormPrediction
@@ -138,10 +138,7 @@ class Diagnosis(DrawableResult, NotebookText):
             "baseline": {
                 "model": self.problem.law,
                 "parameters": {n: _serialise_estimate(v) for n, v in get_baseline_estimates(self).items()},
-                "rmse": {
-                    c: _serialise_channel_value(c, v)
-                    for c, v in _compute_channel_rmse(self.problem, self.baseline).items()
-                },
+                "rmse": {c: _serialise_channel_value(c, v) for c, v in _compute_baseline_rmse(self).items()},
             },
             "noise": _serialise_noise(self),
             "mismatch": {
@@ -241,13 +238,10 @@ def _serialise_channel_value(channel: str, value: float) -> dict[str, Any]:
     return {"value": to_display(channel, value), "unit": DISPLAY_UNIT[channel]}
 
 
-def _compute_channel_rmse(problem: LibraryProblem, fit: ModelFit) -> dict[str, float]:
-    misfit = problem.measured - problem.predict(fit.estimate.values)
-    return {
-        channel: float(np.sqrt(np.nanmean(misfit[c] ** 2)))
-        for c, channel in enumerate(problem.channels)
-        if np.isfinite(misfit[c]).any()
-    }
+def _compute_baseline_rmse(diagnosis: Diagnosis) -> dict[str, float]:
+    problem = diagnosis.problem
+    prediction = problem.predict(diagnosis.baseline.estimate.values)
+    return compute_rmse(problem, prediction, np.ones(problem.n, dtype=bool))
 
 
 def _serialise_noise(diagnosis: Diagnosis) -> dict[str, Any]:

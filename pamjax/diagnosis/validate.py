@@ -22,6 +22,7 @@ from pamjax.infer.problem.dataset import (
     find_informative_samples,
     find_slack_samples,
 )
+from pamjax.infer.problem.rms import compute_rms
 from pamjax.model.balance import Status
 from pamjax.model.bench import Bench, BenchReading, clip_slack_force, record_bench
 from pamjax.model.muscle import MuscleReading, predict
@@ -186,8 +187,8 @@ def validate(
     is_failed = good & (np.asarray(reading.status) != Status.OK)
     return Validation(
         case=case.name,
-        rmse={c: _compute_rms(v) for c, v in misfit.items()},
-        noise={c: _compute_rms(v) for c, v in noise.items()},
+        rmse={c: compute_rms(v) for c, v in misfit.items()},
+        noise={c: compute_rms(v) for c, v in noise.items()},
         blocks=tuple(
             BlockValidation(
                 name,
@@ -214,11 +215,7 @@ def _predict_reading(
 
 def _compute_channel_rms(values: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, float]:
     """Return the rms over some rows, for every channel measured there."""
-    return {c: _compute_rms(v[rows]) for c, v in values.items() if np.isfinite(v[rows]).any()}
-
-
-def _compute_rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.nanmean(values**2)))
+    return {c: compute_rms(v[rows]) for c, v in values.items() if np.isfinite(v[rows]).any()}
 
 
 def _describe_extrapolation(calibrated_range: dict[str, tuple[float, float]], pressure, length) -> list[str]:

@@ -9,6 +9,7 @@ import numpy as np
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
+from pamjax.infer.problem.rms import compute_rms
 from pamjax.records.blocks import Blocks
 
 
@@ -84,7 +85,6 @@ def compute_rmse(problem: LibraryProblem, prediction: np.ndarray, rows: np.ndarr
     rmse_by_channel = {}
     for c, channel in enumerate(problem.channels):
         residual = (problem.measured[c] - prediction[c])[rows]
-        residual = residual[np.isfinite(residual)]
-        if residual.size:
-            rmse_by_channel[channel] = float(np.sqrt(np.mean(residual**2)))
+        if np.isfinite(residual).any():
+            rmse_by_channel[channel] = compute_rms(residual)
     return rmse_by_channel

@@ -17,6 +17,7 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.model_fit import ModelFit, compute_unabsorbed_effect
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.problem.dataset import CHANNELS
+from pamjax.infer.problem.rms import compute_rms
 
 #: Models from which a box deviates, as text.
 _BASELINE, _MODEL = "the baseline", "the model with the named mechanisms"
@@ -52,7 +53,9 @@ def locate_effects(problem: LibraryProblem, baseline: ModelFit, fit: ModelFit) -
     boxes = []
     for candidate in fit.mechanisms:
         candidate_effect = compute_unabsorbed_effect(problem, fit, candidate)
-        sizes = [_compute_rms(fit.noise.standardise(candidate_effect, c)) for c in range(len(CHANNELS))]
+        sizes = [
+            compute_rms(fit.noise.standardise(candidate_effect, c), if_none=0.0) for c in range(len(CHANNELS))
+        ]
         for c, size in enumerate(sizes):
             if size > 0 and size >= settings.min_box_rms_ratio * max(sizes):
                 standardised = _standardise_channel(problem, fit, candidate_effect, c)
@@ -91,11 +94,6 @@ def locate_residual(problem: LibraryProblem, fit: ModelFit) -> list[Box]:
         residual,
         [_build_box(problem, fit, axes, c, weight, residual[c], reference) for c, weight in kept],
     )
-
-
-def _compute_rms(standardised: np.ndarray) -> float:
-    finite = standardised[np.isfinite(standardised)]
-    return float(np.sqrt(np.mean(finite**2))) if finite.size else 0.0
 
 
 def _standardise_channel(problem: LibraryProblem, fit: ModelFit, values: np.ndarray, c: int) -> np.ndarray:

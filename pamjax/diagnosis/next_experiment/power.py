@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
+from pamjax.infer.problem.unit_diagonal import invert_to_unit_diagonal, scale_to_unit_diagonal
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,15 +39,14 @@ class LinearisedModel:
     def compute_refit_chi2(self, differences: np.ndarray) -> np.ndarray:
         """Return χ² of whitened differences, (…, m), after a refit."""
         total = self.information + self.jacobian @ self.jacobian.T
-        unit = np.sqrt(np.maximum(np.diag(total), 1e-300))
-        inverse = np.linalg.pinv(total / np.outer(unit, unit), rcond=1e-12, hermitian=True)
+        inverse, unit = invert_to_unit_diagonal(total)
         pull = differences @ (self.jacobian / unit[:, None]).T
         return np.sum(differences**2, axis=-1) - np.sum((pull @ inverse) * pull, axis=-1)
 
     def sample_predictions(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Return changes of the prediction by draws of the parameters from their uncertainty, (count, m)."""
-        unit = np.sqrt(np.maximum(np.diag(self.information), 1e-300))
-        weights, axes = np.linalg.eigh(self.information / np.outer(unit, unit))
+        scaled_information, unit = scale_to_unit_diagonal(self.information)
+        weights, axes = np.linalg.eigh(scaled_information)
         draws = rng.standard_normal((count, unit.size)) / np.sqrt(np.maximum(weights, 1e-12))
         return (draws @ axes.T / unit) @ self.jacobian
 

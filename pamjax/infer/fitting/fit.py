@@ -37,6 +37,8 @@ from pamjax.infer.problem.dataset import (
 )
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.infer.problem.prior_limits import MIN_MISFIT_MEAN_SQUARE
+from pamjax.infer.problem.rms import compute_rms
+from pamjax.infer.problem.unit_diagonal import scale_to_unit_diagonal
 from pamjax.model.assembly import resolve_bench_law
 from pamjax.model.balance import Status
 from pamjax.model.registry import check_exclusive_pairs
@@ -271,13 +273,13 @@ def _run_other_starts(
 def compute_sd_and_correlation(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
     """Return the sds of the parameters, SI, NaN without information, and their correlation matrix."""
     total_information = np.asarray(solution.information + solution.prior_information)
-    scale = np.sqrt(np.maximum(np.diag(total_information), 1e-300))
-    # With a unit diagonal, an eigenvalue of rounding size is a direction without information.
-    weights, directions = np.linalg.eigh(total_information / np.outer(scale, scale))
-    has_information = weights > 1e-12
-    inverse = (directions[:, has_information] / weights[has_information]) @ directions[:, has_information].T
-    is_undetermined = (directions[:, ~has_information] ** 2).sum(axis=1) > 1e-6
-    sd = np.sqrt(np.diag(inverse)) / scale * np.abs(np.asarray(solution.slope))
+    scaled_information, unit = scale_to_unit_diagonal(total_information)
+    # With a unit diagonal, an eigenvalue of rounding size is a combination without information.
+    eigenvalues, vectors = np.linalg.eigh(scaled_information)
+    has_information = eigenvalues > 1e-12
+    inverse = (vectors[:, has_information] / eigenvalues[has_information]) @ vectors[:, has_information].T
+    is_undetermined = (vectors[:, ~has_information] ** 2).sum(axis=1) > 1e-6
+    sd = np.sqrt(np.diag(inverse)) / unit * np.abs(np.asarray(solution.slope))
     # A parameter at its bound has no correlation.
     root = np.sqrt(np.where(np.diag(inverse) > 0, np.diag(inverse), 1.0))
     correlation = inverse / np.outer(root, root) * np.sign(np.outer(solution.slope, solution.slope))
@@ -360,5 +362,5 @@ def compute_rmse(case: Case, prediction: Mapping[str, np.ndarray]) -> dict[str, 
         misfit = getattr(case.recording, channel) - prediction[channel]
         misfit = misfit[find_informative_samples(case, channel) & np.isfinite(misfit)]
         if misfit.size:
-            rmse[channel] = float(np.sqrt(np.mean(misfit**2)))
+            rmse[channel] = compute_rms(misfit)
     return rmse

@@ -11,6 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pamjax.infer.problem.rms import compute_rms
+from pamjax.infer.problem.unit_diagonal import invert_to_unit_diagonal
+
 #: Smallest effect that is shown, as a share of the noise of a row.
 MIN_SHOWN_EFFECT = 0.05
 
@@ -59,17 +62,9 @@ def build_form_part(
     )
 
 
-def compute_rms(values: np.ndarray) -> float:
-    """Return the root mean square; zero for no values."""
-    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
-
-
 def _compute_channel_rms(values: np.ndarray, is_measured: np.ndarray) -> np.ndarray:
     return np.array(
-        [
-            compute_rms(channel[measured]) if measured.any() else np.nan
-            for channel, measured in zip(values, is_measured, strict=True)
-        ]
+        [compute_rms(channel[measured]) for channel, measured in zip(values, is_measured, strict=True)]
     )
 
 
@@ -82,8 +77,6 @@ def compute_prediction_sd(columns: np.ndarray, white: np.ndarray, precision: np.
         precision: (k,) 1 / variance of their priors.
     """
     information = white @ white.T + np.diag(precision)
-    # Scaled to a unit diagonal: newtons and pascals are many orders of magnitude apart.
-    unit = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    inverse = np.linalg.pinv(information / np.outer(unit, unit), rcond=1e-12, hermitian=True)
+    inverse, unit = invert_to_unit_diagonal(information)
     scaled = columns / unit[:, None, None]
     return np.sqrt(np.maximum(np.einsum("kcn,kl,lcn->cn", scaled, inverse, scaled, optimize=True), 0.0))

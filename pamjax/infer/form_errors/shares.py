@@ -17,6 +17,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pamjax.infer.problem.unit_diagonal import scale_to_unit_diagonal
+
 #: Sizes of a form error that are compared, as shares of its largest size.
 RELATIVE_SHARES = (0.0, 0.1, 1 / 3, 1.0)
 #: Largest size of a form error, as a share of its effect.
@@ -57,10 +59,9 @@ class FormCost:
         matrix = self.gram[np.ix_(rows, rows)] + np.diag(
             np.concatenate([self.parameter_precision, 1 / sizes**2])
         )
-        # Scaled to a unit diagonal: newtons and pascals are many orders of magnitude apart.
-        unit = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+        scaled_matrix, unit = scale_to_unit_diagonal(matrix)
         along = self.projection[rows] / unit
-        explained = along @ np.linalg.lstsq(matrix / np.outer(unit, unit), along, rcond=1e-12)[0]
+        explained = along @ np.linalg.lstsq(scaled_matrix, along, rcond=1e-12)[0]
         inflation = np.eye(used.size) + np.outer(sizes, sizes) * self.gram[np.ix_(form_rows, form_rows)]
         return float(np.linalg.slogdet(inflation)[1] - explained)
 

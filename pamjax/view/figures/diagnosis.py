@@ -23,9 +23,9 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.selection import NamedMechanism
+from pamjax.infer.problem.rms import compute_rms
 from pamjax.text import join_words
 from pamjax.units import compute_si_factor
-from pamjax.view.figures.diagnosis_loops import compute_rms
 from pamjax.view.figures.layout import create_mark
 from pamjax.view.theme import (
     DOUBLE_COLUMN,

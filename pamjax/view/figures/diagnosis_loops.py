@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
 from pamjax.diagnosis.form_errors.prediction import FormPrediction
 from pamjax.diagnosis.result import Diagnosis
+from pamjax.infer.problem.rms import compute_rms
 from pamjax.text import join_words
 from pamjax.view.figures.layout import Layout, add_key, build_layout, create_mark, draw_band, iterate_lines
 from pamjax.view.figures.mismatch_map import find_main_channel
@@ -236,9 +237,3 @@ def _format_explained_fraction(diagnosis: Diagnosis, residual: np.ndarray, corre
     verb = "explains" if len(diagnosis.named_mechanisms) == 1 else "explain"
     percent = f"{100 * max(explained_fraction, 0.0):.0f} %"
     return f"{names} {verb} {percent} of the squared residuals of the baseline"
-
-
-def compute_rms(misfit: np.ndarray) -> float:
-    """Return the root mean square of the finite values, or NaN if there are none."""
-    misfit = misfit[np.isfinite(misfit)]
-    return float(np.sqrt(np.mean(misfit**2))) if misfit.size else math.nan

@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 
 from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
 from pamjax.diagnosis.result import Diagnosis
+from pamjax.infer.problem.rms import compute_rms
 from pamjax.model.registry import find_mechanism
 from pamjax.text import join_words
 from pamjax.units import compute_si_factor
-from pamjax.view.figures.diagnosis_loops import compute_rms
 from pamjax.view.figures.layout import Layout, add_key, build_layout, create_mark, thin_points
 from pamjax.view.figures.mismatch_map import find_main_channel
 from pamjax.view.theme import (

@@ -23,6 +23,7 @@ from pamjax.channels import DISPLAY_UNIT, format_channel_value
 from pamjax.errors import BadInput
 from pamjax.infer.fitting.report import exceeds_noise, format_estimate
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
+from pamjax.infer.problem.rms import compute_rms
 from pamjax.records.case import Case
 from pamjax.units import compute_si_factor, format_quantity
 from pamjax.view.figures.layout import (
@@ -288,7 +289,7 @@ def _plot_blocks(panel: Axes, case_fit: CaseFit, channel: str, block_names: list
     rmse = {}
     for kind, prediction in (("fitted", case_fit.prediction), ("held-out", case_fit.held_out_prediction)):
         misfit = getattr(case_fit.case.recording, channel) - prediction[channel]
-        rmse[kind] = np.array([_compute_rms(misfit[label == name]) / scale for name in block_names])
+        rmse[kind] = np.array([compute_rms(misfit[label == name]) / scale for name in block_names])
     y = np.arange(len(block_names))
     panel.hlines(y, rmse["fitted"], rmse["held-out"], color=REFERENCE_COLOUR, lw=0.8)
     panel.plot(rmse["fitted"], y, "o", color=OKABE_ITO["blue"], gid="fitted")
@@ -301,11 +302,6 @@ def _plot_blocks(panel: Axes, case_fit: CaseFit, channel: str, block_names: list
         xlabel=f"RMS error of {channel} [{DISPLAY_UNIT[channel]}]",
         title=_format_generalisation(case_fit, channel),
     )
-
-
-def _compute_rms(misfit: np.ndarray) -> float:
-    misfit = misfit[np.isfinite(misfit)]
-    return float(np.sqrt(np.mean(misfit**2))) if misfit.size else math.nan
 
 
 def _format_generalisation(case_fit: CaseFit, channel: str) -> str:
