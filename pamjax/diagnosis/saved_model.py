@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER, LibraryProblem
+from pamjax.diagnosis.library.library_parameters import COMPLIANCE_PARAMETER
+from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.fitting.io import FIT_SCHEMA
 from pamjax.model.parameters import find_meaning

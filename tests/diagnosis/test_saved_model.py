@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from pamjax.diagnosis.library.candidates import build_candidates
-from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER, build_library_problem
+from pamjax.diagnosis.library.library_parameters import COMPLIANCE_PARAMETER
+from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.saved_model import build_model_document
 from pamjax.records.case import Case
 from tests.diagnosis.bank import build_setup

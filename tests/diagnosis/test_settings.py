@@ -17,7 +17,7 @@ from pamjax.diagnosis.detect.regions import RecordingAxes, split_into_regions
 from pamjax.diagnosis.detect.residual_test import is_residual_large, is_residual_significant
 from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.library.candidates import Candidate
-from pamjax.diagnosis.library.library_problem import _compute_limits
+from pamjax.diagnosis.library.library_parameters import _compute_limits
 from pamjax.diagnosis.next_experiment.experiment import Experiment, choose_experiment
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
 from pamjax.diagnosis.select.search import MechanismSearch

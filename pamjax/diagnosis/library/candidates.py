@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import expit
 
-from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER, LibraryProblem
+from pamjax.diagnosis.library.library_parameters import COMPLIANCE_PARAMETER
+from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.library.recording_scales import RecordingScales
 from pamjax.model.registry import MECHANISMS
 

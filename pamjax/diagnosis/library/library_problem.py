@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -17,26 +18,22 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from pamjax.compile import programs
+from pamjax.diagnosis.library.library_parameters import LibraryParameters, collect_library_parameters
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.errors import BadInput
-from pamjax.infer.fitting.joint_space import build_joint_space
 from pamjax.infer.problem.dataset import (
     Dataset,
     build_history,
     build_rows,
     find_informative_samples,
 )
-from pamjax.infer.problem.prior_limits import compute_prior_limits
-from pamjax.infer.problem.priors import collect_mechanism_values, collect_stated_values
 from pamjax.jit import compile_on_call
 from pamjax.model.assembly import resolve_bench_law
 from pamjax.model.bench import HISTORY_DEPENDENT
-from pamjax.model.parameters import find_meaning
 from pamjax.model.registry import MECHANISMS
 from pamjax.parameter import Meaning
 from pamjax.records.case import Case
 from pamjax.records.fixed_length import average_fixed_lengths
-from pamjax.records.reading.quantity import MeasuredValue
 
 #: Rows of the shortest compiled program. Longer ones have 2, 4, 8, ... times as many: balances of padding are
 #: not computed, and recordings of different lengths share a program.
@@ -54,9 +51,6 @@ COSTLIEST_MECHANISM = "end_taper"
 
 #: Mechanisms that depend on earlier samples. While one is active, the recording is simulated twice.
 _MECHANISMS_WITH_MEMORY = {kind.id for kind in MECHANISMS if issubclass(kind, HISTORY_DEPENDENT)}
-
-#: Compliance of the threads; zero for an inelastic braid.
-COMPLIANCE_PARAMETER = "braid_elasticity.compliance"
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +118,14 @@ class LibraryProblem:
     def index(self, name: str) -> int:
         """Return the index of a parameter by name."""
         return self.names.index(name)
+
+    def set_shape(self, values: np.ndarray, shape: Mapping[str, float]) -> np.ndarray:
+        """Return values with some shape parameters, by name, set within their limits, (p,), SI."""
+        out = values.copy()
+        for name, value in shape.items():
+            k = self.index(name)
+            out[k] = np.clip(value, self.low[k], self.high[k])
+        return out
 
     def predict(self, values: np.ndarray) -> np.ndarray:
         """Return the predicted force (N) and diameter (m), (2, n), at parameter values (p,), SI."""
@@ -238,41 +240,40 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
     """
     case = average_fixed_lengths(case)
     law = resolve_bench_law(case.muscle_toml.baseline, ())
-    ids = tuple(kind.id for kind in MECHANISMS)
-    space, _ = build_joint_space([case], law, ())
-    priors = collect_stated_values(case.muscle_toml, law) | _read_mechanism_priors(case, law, ids)
-    priors["bladder_elasticity.inner_diameter"] = _widen_size_prior(
-        priors["bladder_elasticity.inner_diameter"], settings.fitted_size_sd_share
+    mechanism_ids = tuple(kind.id for kind in MECHANISMS)
+    parameters = collect_library_parameters(case, law, mechanism_ids, settings)
+    dataset = _build_dataset(case, law, mechanism_ids, parameters)
+    reduced_dataset = dataclasses.replace(
+        dataset, mechanisms=tuple(id for id in mechanism_ids if id != COSTLIEST_MECHANISM)
     )
-    length_errors = {
-        n: MeasuredValue(0.0, float(space.sd[i])) for i, n in enumerate(space.names) if n not in priors
-    }
-    priors |= length_errors
-    names = tuple(priors)
-    meanings = tuple(
-        find_meaning(n) if n not in length_errors else _describe_length_error(space, n) for n in names
+    return LibraryProblem(
+        case,
+        law,
+        parameters.names,
+        parameters.meanings,
+        parameters.neutral,
+        parameters.start,
+        parameters.low,
+        parameters.high,
+        parameters.prior_sd,
+        parameters.is_baseline,
+        dataset,
+        reduced_dataset,
+        _collect_measurements(case),
+        settings,
     )
-    start = np.array([m.value for m in priors.values()])
-    prior_sd = np.array([m.sd if m.sd > 0 else math.inf for m in priors.values()])
-    is_baseline = np.isin(names, space.names)
-    neutral = np.array([v if m.neutral is None else m.neutral for v, m in zip(start, meanings, strict=True)])
-    low, high = _compute_limits(names, meanings, start, prior_sd, is_baseline, settings)
-    k = names.index("braid_friction.presliding")
-    low[k] = max(low[k], settings.min_presliding_noise_ratio * (case.muscle_toml.sensors.length or 0.0))
-    recording, size = case.recording, compute_program_rows(case.recording.n)
-    if recording.time is not None:
-        # Only a slip within the recording can be detected.
-        k = names.index("thread_slip.when")
-        low[k], high[k] = recording.time[0], max(recording.time[-1], recording.time[0] + 1)
-        start[k] = np.clip(start[k], low[k], high[k])
-        # A warm-up much slower than the recording is a straight line.
-        k = names.index("force_drift.warmup_time")
-        high[k] = max(min(high[k], 3 * float(np.ptp(recording.time))), 2 * low[k])
-        start[k] = np.clip(start[k], low[k], high[k])
-    index_by_name = {n: i for i, n in enumerate(names)}
-    dataset = Dataset(
+
+
+def _build_dataset(
+    case: Case, law: str, mechanism_ids: tuple[str, ...], parameters: LibraryParameters
+) -> Dataset:
+    """Return the arrays of a recording for the compiled program with all mechanisms."""
+    size = compute_program_rows(case.recording.n)
+    index_by_name = {n: i for i, n in enumerate(parameters.names)}
+    length_errors = parameters.length_error_names
+    return Dataset(
         law=law,
-        mechanisms=ids,
+        mechanisms=mechanism_ids,
         free_parameters=tuple((n, i) for n, i in index_by_name.items() if n not in length_errors),
         length_error_indices=tuple(index_by_name[n] for n in length_errors),
         fixed_values={},
@@ -280,6 +281,11 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
         history=build_history(case, size, compute_padding=False),
         channel_weights=jnp.ones(2),
     )
+
+
+def _collect_measurements(case: Case) -> np.ndarray:
+    """Return measured force (N) and diameter (m), (2, n); NaN where no sample is compared."""
+    recording = case.recording
     measured = np.stack(
         [
             np.where(find_informative_samples(case, c), getattr(recording, c), np.nan)
@@ -291,68 +297,4 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
             "a diagnosis needs rows with force or diameter in which the muscle is inflated and taut",
             "no such row", remedy="Inflate the muscle further, or check the zero of `pressure`.",
         )  # fmt: skip
-    reduced_dataset = dataclasses.replace(
-        dataset, mechanisms=tuple(id for id in ids if id != COSTLIEST_MECHANISM)
-    )
-    return LibraryProblem(
-        case,
-        law,
-        names,
-        meanings,
-        neutral,
-        start,
-        low,
-        high,
-        prior_sd,
-        is_baseline,
-        dataset,
-        reduced_dataset,
-        measured,
-        settings,
-    )
-
-
-def _read_mechanism_priors(case: Case, law: str, ids: tuple[str, ...]) -> dict[str, MeasuredValue]:
-    """Return the priors of the mechanisms' parameters, and of the thread compliance of an inelastic braid."""
-    priors = collect_mechanism_values(case.muscle_toml, ids)
-    if law == "inelastic":
-        priors[COMPLIANCE_PARAMETER] = _estimate_compliance(case)
-    return priors
-
-
-def _widen_size_prior(size: MeasuredValue, sd_share: float) -> MeasuredValue:
-    return size if size.sd > 0 else MeasuredValue(size.value, sd_share * size.value)
-
-
-def _estimate_compliance(case: Case) -> MeasuredValue:
-    muscle_toml = case.muscle_toml
-    if muscle_toml.stiffness is not None:
-        return MeasuredValue(
-            1 / muscle_toml.stiffness.value, muscle_toml.stiffness.sd / muscle_toml.stiffness.value**2
-        )
-    if muscle_toml.modulus is not None and muscle_toml.threads and muscle_toml.thread_area is not None:
-        stiffness = muscle_toml.modulus.value * muscle_toml.threads * muscle_toml.thread_area.value
-        return MeasuredValue(1 / stiffness, muscle_toml.modulus.sd / muscle_toml.modulus.value / stiffness)
-    return MeasuredValue(1e-6, math.inf)
-
-
-def _describe_length_error(space, name: str) -> Meaning:
-    sd = float(space.sd[space.names.index(name)])
-    about = "true minus recorded length of one setting"
-    return Meaning("m", "mm", -8 * sd, 8 * sd, "linear", about, "standard deviation of the ruler")
-
-
-def _compute_limits(
-    names, meanings, start, prior_sd, is_baseline, settings: DiagnosisSettings
-) -> tuple[np.ndarray, np.ndarray]:
-    low, high = np.array([m.low for m in meanings]), np.array([m.high for m in meanings])
-    rows = np.flatnonzero(is_baseline)
-    low[rows], high[rows] = compute_prior_limits(
-        [names[k] for k in rows],
-        (low[rows], high[rows]),
-        start[rows],
-        prior_sd[rows],
-        settings.max_prior_deviation_sd,
-        settings.max_stiffness_factor,
-    )
-    return low, high
+    return measured

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER, LibraryProblem
+from pamjax.diagnosis.library.library_parameters import COMPLIANCE_PARAMETER
+from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.settings import DiagnosisSettings
 
 #: 90 % quantile of the standard normal distribution.

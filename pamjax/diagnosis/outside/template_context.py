@@ -5,7 +5,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER, LibraryProblem
+from pamjax.diagnosis.library.library_parameters import COMPLIANCE_PARAMETER
+from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.outside.templates import TemplateContext
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.noise.sensor_noise import compute_sensitivities

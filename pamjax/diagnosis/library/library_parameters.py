@@ -1,0 +1,164 @@
+"""The parameters of a recording with every mechanism: priors, starting values and limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pamjax.diagnosis.settings import DiagnosisSettings
+from pamjax.infer.fitting.joint_space import build_joint_space
+from pamjax.infer.problem.parameter_space import ParameterSpace
+from pamjax.infer.problem.prior_limits import compute_prior_limits
+from pamjax.infer.problem.priors import collect_mechanism_values, collect_stated_values
+from pamjax.model.parameters import find_meaning
+from pamjax.parameter import Meaning
+from pamjax.records.case import Case
+from pamjax.records.reading.quantity import MeasuredValue
+
+#: Compliance of the threads; zero for an inelastic braid.
+COMPLIANCE_PARAMETER = "braid_elasticity.compliance"
+
+#: Longest warm-up of the load cell over the duration of the recording. A slower one is a straight line.
+_MAX_WARMUP_DURATIONS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class LibraryParameters:
+    """Parameters of the baseline, of all mechanisms and of length errors.
+
+    Attributes:
+        names: (p,) names.
+        meanings: (p,) unit, scale, limits and neutral value of each.
+        neutral: (p,) values of the baseline with every mechanism switched off, SI.
+        start: (p,) starting values of a fit and means of the priors, SI.
+        low, high: (p,) limits, SI.
+        prior_sd: (p,) standard deviations of the priors, SI; infinite without a prior.
+        is_baseline: (p,) whether a parameter belongs to the baseline.
+        length_error_names: names of the errors of the set lengths.
+    """
+
+    names: tuple[str, ...]
+    meanings: tuple[Meaning, ...]
+    neutral: np.ndarray
+    start: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    prior_sd: np.ndarray
+    is_baseline: np.ndarray
+    length_error_names: tuple[str, ...]
+
+
+def collect_library_parameters(
+    case: Case, law: str, mechanism_ids: Sequence[str], settings: DiagnosisSettings
+) -> LibraryParameters:
+    """Return the parameters of a recording with every mechanism.
+
+    Args:
+        case: the recording and the stated values of its muscle.
+        law: thread law of the baseline.
+        mechanism_ids: ids of the mechanisms.
+        settings: thresholds of the diagnosis.
+    """
+    space, _ = build_joint_space([case], law, ())
+    priors = _collect_priors(case, law, mechanism_ids, settings)
+    length_errors = {
+        n: MeasuredValue(0.0, float(space.sd[i])) for i, n in enumerate(space.names) if n not in priors
+    }
+    priors |= length_errors
+    names = tuple(priors)
+    meanings = tuple(
+        find_meaning(n) if n not in length_errors else _describe_length_error(space, n) for n in names
+    )
+    start = np.array([m.value for m in priors.values()])
+    prior_sd = np.array([m.sd if m.sd > 0 else math.inf for m in priors.values()])
+    is_baseline = np.isin(names, space.names)
+    neutral = np.array([v if m.neutral is None else m.neutral for v, m in zip(start, meanings, strict=True)])
+    low, high = _compute_limits(names, meanings, start, prior_sd, is_baseline, settings)
+    _limit_to_recording(case, names, start, low, high, settings)
+    return LibraryParameters(
+        names,
+        meanings,
+        neutral,
+        start,
+        low,
+        high,
+        prior_sd,
+        is_baseline,
+        length_error_names=tuple(length_errors),
+    )
+
+
+def _collect_priors(
+    case: Case, law: str, mechanism_ids: Sequence[str], settings: DiagnosisSettings
+) -> dict[str, MeasuredValue]:
+    """Return the priors of the baseline, of the mechanisms, and of the compliance of an inelastic braid."""
+    priors = collect_stated_values(case.muscle_toml, law)
+    priors |= collect_mechanism_values(case.muscle_toml, mechanism_ids)
+    if law == "inelastic":
+        priors[COMPLIANCE_PARAMETER] = _estimate_compliance(case)
+    bore = priors["bladder_elasticity.inner_diameter"]
+    if not bore.sd > 0:
+        bore = MeasuredValue(bore.value, settings.fitted_size_sd_share * bore.value)
+    return priors | {"bladder_elasticity.inner_diameter": bore}
+
+
+def _estimate_compliance(case: Case) -> MeasuredValue:
+    """Return the stated compliance of the threads, 1/N; without a prior if it is not stated."""
+    muscle_toml = case.muscle_toml
+    if muscle_toml.stiffness is not None:
+        return MeasuredValue(
+            1 / muscle_toml.stiffness.value, muscle_toml.stiffness.sd / muscle_toml.stiffness.value**2
+        )
+    if muscle_toml.modulus is not None and muscle_toml.threads and muscle_toml.thread_area is not None:
+        stiffness = muscle_toml.modulus.value * muscle_toml.threads * muscle_toml.thread_area.value
+        return MeasuredValue(1 / stiffness, muscle_toml.modulus.sd / muscle_toml.modulus.value / stiffness)
+    return MeasuredValue(1e-6, math.inf)
+
+
+def _describe_length_error(space: ParameterSpace, name: str) -> Meaning:
+    sd = float(space.sd[space.names.index(name)])
+    about = "true minus recorded length of one setting"
+    return Meaning("m", "mm", -8 * sd, 8 * sd, "linear", about, "standard deviation of the ruler")
+
+
+def _compute_limits(
+    names, meanings, start, prior_sd, is_baseline, settings: DiagnosisSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the limits of all parameters, (p,) each; those of the baseline are near the stated values."""
+    low, high = np.array([m.low for m in meanings]), np.array([m.high for m in meanings])
+    rows = np.flatnonzero(is_baseline)
+    low[rows], high[rows] = compute_prior_limits(
+        [names[k] for k in rows],
+        (low[rows], high[rows]),
+        start[rows],
+        prior_sd[rows],
+        settings.max_prior_deviation_sd,
+        settings.max_stiffness_factor,
+    )
+    return low, high
+
+
+def _limit_to_recording(
+    case: Case,
+    names: Sequence[str],
+    start: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    settings: DiagnosisSettings,
+) -> None:
+    """Change the limits of the parameters for which a recording has a scale, in place."""
+    k = names.index("braid_friction.presliding")
+    low[k] = max(low[k], settings.min_presliding_noise_ratio * (case.muscle_toml.sensors.length or 0.0))
+    time = case.recording.time
+    if time is None:
+        return
+    # Only a slip within the recording can be detected.
+    k = names.index("thread_slip.when")
+    low[k], high[k] = time[0], max(time[-1], time[0] + 1)
+    start[k] = np.clip(start[k], low[k], high[k])
+    k = names.index("force_drift.warmup_time")
+    high[k] = max(min(high[k], _MAX_WARMUP_DURATIONS * float(np.ptp(time))), 2 * low[k])
+    start[k] = np.clip(start[k], low[k], high[k])
