@@ -144,11 +144,9 @@ def _compute_candidate_jacobians(
     """Return the derivative of the prediction by each candidate's amplitudes, (k, 2, n), by position."""
 
     def compute_at_point(group: list[int]) -> dict[int, np.ndarray]:
-        values = estimate.values.copy()
+        values = estimate.values
         for k in group:
-            for name, value in _get_reference_shape(candidates[k]).items():
-                index = problem.index(name)
-                values[index] = np.clip(value, problem.low[index], problem.high[index])
+            values = problem.set_shape(values, _get_reference_shape(candidates[k]))
         names = sorted({name for k in group for name in candidates[k].amplitudes})
         jacobian_by_name = dict(
             zip(names, problem.predict_with_jacobian(values, map(problem.index, names))[1], strict=True)

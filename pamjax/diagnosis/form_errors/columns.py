@@ -45,8 +45,6 @@ def _compute_reshaped_effect(
     problem: LibraryProblem, values: np.ndarray, candidate: Candidate, factors: dict[str, float]
 ) -> np.ndarray:
     """Return the effect of a candidate with factors on its shape parameters, SI, (2, n)."""
-    new_values = values.copy()
-    for name, factor in factors.items():
-        k = problem.index(f"{candidate.id}.{name}")
-        new_values[k] = np.clip(new_values[k] * factor, problem.low[k], problem.high[k])
-    return compute_effect_of(problem, new_values, candidate)
+    factor_by_name = {f"{candidate.id}.{name}": factor for name, factor in factors.items()}
+    shape = {name: values[problem.index(name)] * factor for name, factor in factor_by_name.items()}
+    return compute_effect_of(problem, problem.set_shape(values, shape), candidate)

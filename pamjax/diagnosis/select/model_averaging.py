@@ -94,11 +94,7 @@ def _build_starts(problem: LibraryProblem, fit: ModelFit) -> list[np.ndarray]:
             and set(other_candidate.free_parameters) == set(candidate.free_parameters)
         ]
         for other in others if 1 < len(others) <= problem.settings.max_starting_candidates else []:
-            start = fit.estimate.values.copy()
-            for name, value in other.shape.items():
-                k = problem.index(name)
-                start[k] = np.clip(value, problem.low[k], problem.high[k])
-            starts.append(start)
+            starts.append(problem.set_shape(fit.estimate.values, other.shape))
     return starts
 
 
