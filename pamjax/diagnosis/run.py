@@ -24,7 +24,7 @@ from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.form_errors.prediction import describe_form_errors, predict_with_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
-from pamjax.diagnosis.next_experiment.experiment import propose_experiments
+from pamjax.diagnosis.next_experiment.experiment import Experiment, propose_experiments
 from pamjax.diagnosis.noise.sensor_scale import compute_noise_ratios, format_noise_notes
 from pamjax.diagnosis.notes import format_notes
 from pamjax.diagnosis.outside.rival_templates import list_likenesses
@@ -62,7 +62,7 @@ class _Training:
 
     Attributes:
         problem: the recording and the library.
-        rows: (n,) mask of the training rows.
+        mask: (n,) whether a row is used in the fits, and not held out.
         blocks: isobars, holds or cycles of all rows.
         baseline: the baseline, fitted to the training rows.
         mismatch: test of its residual.
@@ -70,7 +70,7 @@ class _Training:
     """
 
     problem: LibraryProblem
-    rows: np.ndarray
+    mask: np.ndarray
     blocks: Blocks
     baseline: ModelFit
     mismatch: Significance
@@ -150,10 +150,9 @@ def diagnose(
     problem = build_library_problem(case, settings)
     problem.start_compilation()
     blocks = find_blocks(case.recording)
-    held_out_mask = build_held_out_mask(blocks, problem.settings)
-    training = _test_baseline(problem, blocks, ~held_out_mask, seed)
+    training = _test_baseline(problem, blocks, ~build_held_out_mask(blocks, settings), seed)
     selection = (
-        select_mechanisms(problem, training.rows, training.baseline, progress)
+        select_mechanisms(problem, training.mask, training.baseline, progress)
         if training.is_detected
         else Selection(training.baseline, training.baseline, ())
     )
@@ -162,12 +161,27 @@ def diagnose(
     tested_selection = _test_against_templates(training, selection, templates)
     confirmed_selection = _cross_validate_on_blocks(training, tested_selection)
     final_fit = _fit_all_rows(problem, confirmed_selection.selection)
-    selection, baseline, model = final_fit.selection, final_fit.baseline, final_fit.model
-    training_fit = _fit_selection(problem, selection, training.rows)
-    noise_ratios = compute_noise_ratios(problem, model.estimate.values)
+    notes = _list_selection_notes(tested_selection, confirmed_selection, settings)
     progress("proposing experiments", 0.9)
-    experiments = propose_experiments(problem, model, selection.named_mechanisms)
+    experiments = propose_experiments(problem, final_fit.model, final_fit.selection.named_mechanisms)
+    diagnosis = _build_diagnosis(training, confirmed_selection, final_fit, templates, experiments, notes)
     progress("done", 1.0)
+    return diagnosis
+
+
+def _build_diagnosis(
+    training: _Training,
+    confirmed_selection: _TestedSelection,
+    final_fit: _FinalFit,
+    templates: Sequence[Template],
+    experiments: list[Experiment],
+    selection_notes: list[str],
+) -> Diagnosis:
+    """Return the result of all steps, with the places of the misfit and the errors on held-out blocks."""
+    problem, unexplained = training.problem, confirmed_selection.unexplained
+    selection, baseline, model = final_fit.selection, final_fit.baseline, final_fit.model
+    training_fit = _fit_selection(problem, selection, training.mask)
+    noise_ratios = compute_noise_ratios(problem, model.estimate.values)
     return Diagnosis(
         problem=problem,
         selection=selection,
@@ -180,23 +194,21 @@ def diagnose(
             else locate_residual(problem, baseline)
         ),
         residual_test=confirmed_selection.residual_test,
-        unexplained=confirmed_selection.unexplained,
-        likenesses=(
-            list_likenesses(problem, templates, selection.model) if confirmed_selection.unexplained else ()
-        ),
-        residual_boxes=locate_residual(problem, model) if confirmed_selection.unexplained else [],
+        unexplained=unexplained,
+        likenesses=list_likenesses(problem, templates, selection.model) if unexplained else (),
+        residual_boxes=locate_residual(problem, model) if unexplained else [],
         residual_share=_compute_residual_share(problem, baseline, model),
         noise_ratios=noise_ratios,
-        blocks=blocks,
+        blocks=training.blocks,
         held_out_errors=compute_held_out_errors(
-            problem, blocks, held_out_mask, selection.baseline, training_fit
+            problem, training.blocks, ~training.mask, selection.baseline, training_fit
         ),
         parameters=_collect_mechanism_estimates(problem, model),
         parameter_shifts=_compute_parameter_shifts(problem, baseline, model)
         if selection.named_mechanisms
         else {},
         notes=[
-            *_list_selection_notes(tested_selection, confirmed_selection, problem.settings),
+            *selection_notes,
             *format_noise_notes(noise_ratios, problem.settings.min_reported_noise_ratio),
             *problem.case.warnings,
             *format_notes(problem, baseline, model),
@@ -229,7 +241,7 @@ def _test_against_templates(
     training: _Training, selection: Selection, templates: Sequence[Template]
 ) -> _TestedSelection:
     """Return the mechanisms that no template replaces; without small effects if a part is unexplained."""
-    remaining, notes = replace_by_template(training.problem, training.rows, selection, templates)
+    remaining, notes = replace_by_template(training.problem, training.mask, selection, templates)
     tested_selection = _test_selection(training, remaining, notes)
     if not tested_selection.unexplained or remaining.fit_without_small_effects is None:
         return tested_selection
@@ -246,7 +258,7 @@ def _cross_validate_on_blocks(training: _Training, tested_selection: _TestedSele
     if not tested_selection.selection.named_mechanisms:
         return tested_selection
     selection, is_predictive = cross_validate_selection(
-        problem, training.blocks, training.rows, tested_selection.selection
+        problem, training.blocks, training.mask, tested_selection.selection
     )
     confirmed_selection = (
         replace(tested_selection, selection=selection)
