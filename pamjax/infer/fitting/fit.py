@@ -10,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.errors import check_minimum
+from pamjax.infer.fitting.build_result import build_case_fit, build_estimates, compute_sd_and_correlation
 from pamjax.infer.fitting.cross_validation import cross_validate
-from pamjax.infer.fitting.form_errors import check_form_errors, describe_form_errors, fit_form_errors
+from pamjax.infer.fitting.form_errors import check_form_errors, fit_form_errors
 from pamjax.infer.fitting.joint_space import build_joint_space, choose_law, collect_meanings
 from pamjax.infer.fitting.least_squares import (
     Loss,
@@ -21,26 +22,20 @@ from pamjax.infer.fitting.least_squares import (
     solve_least_squares,
 )
 from pamjax.infer.fitting.prior_bounds import find_limits, solve_within_limits
-from pamjax.infer.fitting.result import CaseFit, Estimate, Fit, HeldOutScore, NamedEstimates
+from pamjax.infer.fitting.result import Fit
 from pamjax.infer.fitting.reweight import (
     add_whitening,
     compute_mean_square,
     reweight_dataset,
     set_variance_inflation,
 )
-from pamjax.infer.form_errors.dataset_form import estimate_form
 from pamjax.infer.problem.dataset import (
     Dataset,
     build_dataset,
-    find_informative_samples,
-    predict_rows,
 )
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.infer.problem.prior_limits import MIN_MISFIT_MEAN_SQUARE
-from pamjax.infer.problem.rms import compute_rms
-from pamjax.infer.problem.unit_diagonal import scale_to_unit_diagonal
 from pamjax.model.assembly import resolve_bench_law
-from pamjax.model.balance import Status
 from pamjax.model.registry import check_exclusive_pairs
 from pamjax.progress import Progress, ignore_progress
 from pamjax.records.blocks import find_blocks
@@ -100,10 +95,7 @@ def fit(
         print(fit)
         modulus = fit.estimates["thread.modulus"].value  # Pa
     """
-    cases = [
-        average_fixed_lengths(ensure_case(case))
-        for case in ([cases] if isinstance(cases, Case | str | Path) else cases)
-    ]
+    cases = _read_cases(cases)
     _check_counts(starts, fold_count, seed)
     law = choose_law(cases, law)
     if mechanisms:
@@ -118,16 +110,9 @@ def fit(
     )
     progress("fit, step 1 of 4: first fit", 0.0)
     solution = solve_least_squares(datasets, space, jnp.zeros(space.size), loss)
-    for k in range(_MAX_REWEIGHTINGS):
-        progress("fit, step 2 of 4: noise", 0.3 + 0.2 * k / _MAX_REWEIGHTINGS)
-        previous = datasets
-        datasets, _ = reweight_datasets(cases, datasets, space, solution, loss)
-        # With the starting weights, a misfit can drive a parameter to its bound.
-        solution = solve_least_squares(datasets, space, space.move_inside_bounds(solution.u), loss)
-        if k and _have_weights_converged(previous, datasets):
-            break
+    datasets, solution = _estimate_weights(cases, datasets, space, solution, loss, progress)
     progress("fit, step 3 of 4: other starts", 0.5)
-    agreeing, best = _run_other_starts(datasets, space, solution, loss, starts, seed)
+    agreeing_starts, best = _run_other_starts(datasets, space, solution, loss, starts, seed)
     if best is not solution:
         # The weights belong to the first solution.
         datasets, _ = reweight_datasets(cases, datasets, space, best, loss)
@@ -145,29 +130,25 @@ def fit(
         lambda fraction: progress("fit, step 4 of 4: cross-validation", 0.6 + 0.4 * fraction),
     )  # fmt: skip
     _, noise = reweight_datasets(cases, datasets, space, solution, loss)
-    at_limit = {*space.find_names_at_bound(solution.u), *_find_fixed_names(space, fixed_space)}
-    # A value at its limit was fixed by a narrow prior, which is no information on it.
-    if fixed_space is not space:
-        solution = exchange_priors(solution, fixed_space, space)
-    datasets, solution = _inflate_variances(datasets, space, solution, loss)
+    datasets, solution, at_limit = _quantify_uncertainty(datasets, space, fixed_space, solution, loss)
     sd, correlation = compute_sd_and_correlation(solution)
     progress("done", 1.0)
     return Fit(
         law=law,
         mechanisms=tuple(mechanisms),
-        estimates=_build_estimates(
+        estimates=build_estimates(
             space, solution, sd, at_limit, collect_meanings(cases, law, renames, mechanisms)
         ),
         correlation=correlation,
         cases=tuple(
-            _build_case_fit(space, solution, *of_case)
+            build_case_fit(space, solution, *of_case)
             for of_case in zip(
                 cases, datasets, noise, blocks_of_cases, folds, predictions, form_shares, strict=True
             )
         ),
         converged=bool(solution.converged),
         steps=int(solution.steps),
-        agreeing_starts=agreeing,
+        agreeing_starts=agreeing_starts,
         starts=starts,
         loss=loss,
         seed=seed,
@@ -176,6 +157,34 @@ def fit(
         datasets=datasets,
         limited_space=fixed_space,
     )  # fmt: skip
+
+
+def _read_cases(cases: Case | str | Path | Sequence[Case | str | Path]) -> list[Case]:
+    """Return one case or several, with their fixed lengths averaged."""
+    return [
+        average_fixed_lengths(ensure_case(case))
+        for case in ([cases] if isinstance(cases, Case | str | Path) else cases)
+    ]
+
+
+def _estimate_weights(
+    cases: Sequence[Case],
+    datasets: tuple[Dataset, ...],
+    space: ParameterSpace,
+    solution: Solution,
+    loss: Loss,
+    progress: Progress,
+) -> tuple[tuple[Dataset, ...], Solution]:
+    """Return datasets and solution after repeated fits, each with the noise of the previous residuals."""
+    for k in range(_MAX_REWEIGHTINGS):
+        progress("fit, step 2 of 4: noise", 0.3 + 0.2 * k / _MAX_REWEIGHTINGS)
+        previous = datasets
+        datasets, _ = reweight_datasets(cases, datasets, space, solution, loss)
+        # With the starting weights, a misfit can drive a parameter to its bound.
+        solution = solve_least_squares(datasets, space, space.move_inside_bounds(solution.u), loss)
+        if k and _have_weights_converged(previous, datasets):
+            break
+    return datasets, solution
 
 
 def _have_weights_converged(previous: Sequence[Dataset], current: Sequence[Dataset]) -> bool:
@@ -230,6 +239,21 @@ def _find_fixed_names(space: ParameterSpace, fixed_space: ParameterSpace) -> lis
     return [name for name, fixed in zip(space.names, is_fixed, strict=True) if fixed]
 
 
+def _quantify_uncertainty(
+    datasets: tuple[Dataset, ...],
+    space: ParameterSpace,
+    fixed_space: ParameterSpace,
+    solution: Solution,
+    loss: Loss,
+) -> tuple[tuple[Dataset, ...], Solution, set[str]]:
+    """Return datasets and solution for the standard deviations, and the names of parameters at a limit."""
+    at_limit = {*space.find_names_at_bound(solution.u), *_find_fixed_names(space, fixed_space)}
+    # A value at its limit was fixed by a narrow prior, which is no information on it.
+    if fixed_space is not space:
+        solution = exchange_priors(solution, fixed_space, space)
+    return *_inflate_variances(datasets, space, solution, loss), at_limit
+
+
 def _inflate_variances(
     datasets: tuple[Dataset, ...], space: ParameterSpace, solution: Solution, loss: Loss
 ) -> tuple[tuple[Dataset, ...], Solution]:
@@ -268,99 +292,3 @@ def _run_other_starts(
     if costs[0] <= costs[best] + _COST_TOLERANCE:
         best = 0
     return int(np.sum(costs <= costs[best] + _COST_TOLERANCE)), solutions[best]
-
-
-def compute_sd_and_correlation(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sds of the parameters, SI, NaN without information, and their correlation matrix."""
-    total_information = np.asarray(solution.information + solution.prior_information)
-    scaled_information, unit = scale_to_unit_diagonal(total_information)
-    # With a unit diagonal, an eigenvalue of rounding size is a combination without information.
-    eigenvalues, vectors = np.linalg.eigh(scaled_information)
-    has_information = eigenvalues > 1e-12
-    inverse = (vectors[:, has_information] / eigenvalues[has_information]) @ vectors[:, has_information].T
-    is_undetermined = (vectors[:, ~has_information] ** 2).sum(axis=1) > 1e-6
-    sd = np.sqrt(np.diag(inverse)) / unit * np.abs(np.asarray(solution.slope))
-    # A parameter at its bound has no correlation.
-    root = np.sqrt(np.where(np.diag(inverse) > 0, np.diag(inverse), 1.0))
-    correlation = inverse / np.outer(root, root) * np.sign(np.outer(solution.slope, solution.slope))
-    return np.where(is_undetermined, np.nan, sd), correlation
-
-
-def _build_estimates(
-    space: ParameterSpace, solution: Solution, sd: np.ndarray, at_limit: set[str], meaning: Mapping
-) -> NamedEstimates:
-    values = np.asarray(space.to_values(solution.u))
-    return NamedEstimates(
-        {
-            name: Estimate(
-                value=float(values[k]),
-                sd=float(sd[k]) if np.isfinite(sd[k]) and name not in at_limit else None,
-                prior=float(space.mean[k]),
-                prior_sd=float(space.sd[k]),
-                meaning=meaning[name],
-                at_limit=name in at_limit,
-            )
-            for k, name in enumerate(space.names)
-        }
-    )
-
-
-def _build_case_fit(
-    space: ParameterSpace,
-    solution: Solution,
-    case: Case,
-    dataset: Dataset,
-    noise,
-    case_blocks,
-    held_out_masks,
-    held_out_prediction,
-    form_shares,
-) -> CaseFit:
-    values = space.to_values(solution.u)
-    reading = predict_rows(dataset, values)
-    n = case.recording.n
-    status = np.asarray(reading.status)[:n]
-    has_failed = case.recording.usable & (status != Status.OK)
-    channels = case.recording.model_channels
-    form = estimate_form(dataset, values)[:, :n]
-    prediction = {c: np.asarray(getattr(reading, c))[:n] + own for c, own in zip(channels, form, strict=True)}
-    form_errors, prediction_sd = (
-        ({}, None)
-        if dataset.form_filter is None
-        else describe_form_errors(case, dataset, space, solution, form_shares)
-    )
-    names = tuple(
-        tuple(case_blocks.names[k] for k in np.unique(case_blocks.label[mask]) if k >= 0)
-        for mask in held_out_masks
-    )
-    return CaseFit(
-        case=case,
-        numbers={name: float(number) for name, number in dataset.collect_parameters(values).items()},
-        muscle=dataset.build_muscle(values),
-        prediction=prediction,
-        held_out_prediction=held_out_prediction,
-        block=[case_blocks.names[k] if k >= 0 else "" for k in case_blocks.label],
-        rmse=compute_rmse(case, prediction),
-        noise=noise,
-        held_out=HeldOutScore(case_blocks.kind, names, compute_rmse(case, held_out_prediction))
-        if held_out_masks
-        else None,
-        failed_rows={
-            s: case.recording.row[has_failed & (status == s)]
-            for s in Status
-            if (has_failed & (status == s)).any()
-        },
-        form_errors=form_errors,
-        prediction_sd={} if prediction_sd is None else dict(zip(channels, prediction_sd, strict=True)),
-    )
-
-
-def compute_rmse(case: Case, prediction: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """Return the root mean square of measured − predicted, SI, by channel, over the informative rows."""
-    rmse = {}
-    for channel in case.recording.channels:
-        misfit = getattr(case.recording, channel) - prediction[channel]
-        misfit = misfit[find_informative_samples(case, channel) & np.isfinite(misfit)]
-        if misfit.size:
-            rmse[channel] = compute_rms(misfit)
-    return rmse

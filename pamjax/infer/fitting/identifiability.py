@@ -15,6 +15,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
+from pamjax.infer.fitting.build_result import compute_sd_and_correlation
 from pamjax.infer.fitting.determination import (
     DETERMINED,
     MAX_SD_RATIO_DETERMINED,
@@ -23,7 +24,7 @@ from pamjax.infer.fitting.determination import (
     compute_prior_scale,
     describe_row_shortage,
 )
-from pamjax.infer.fitting.fit import compute_sd_and_correlation, reweight_datasets
+from pamjax.infer.fitting.fit import reweight_datasets
 from pamjax.infer.fitting.joint_space import build_joint_space
 from pamjax.infer.fitting.least_squares import linearise_problem
 from pamjax.infer.problem.dataset import build_dataset, count_informative_samples

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from pamjax.infer.fitting.fit import compute_sd_and_correlation
+from pamjax.infer.fitting.build_result import compute_sd_and_correlation
 from pamjax.infer.fitting.least_squares import Loss, Solution, solve_least_squares
 from pamjax.infer.fitting.result import Fit
 from pamjax.infer.problem.dataset import Dataset

@@ -1,0 +1,116 @@
+"""Estimates and predictions of a solution: the parts of a `result.Fit`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pamjax.infer.fitting.form_errors import describe_form_errors
+from pamjax.infer.fitting.least_squares import Solution
+from pamjax.infer.fitting.result import CaseFit, Estimate, HeldOutScore, NamedEstimates
+from pamjax.infer.form_errors.dataset_form import estimate_form
+from pamjax.infer.problem.dataset import Dataset, find_informative_samples, predict_rows
+from pamjax.infer.problem.parameter_space import ParameterSpace
+from pamjax.infer.problem.rms import compute_rms
+from pamjax.infer.problem.unit_diagonal import scale_to_unit_diagonal
+from pamjax.model.balance import Status
+from pamjax.records.case import Case
+
+
+def compute_sd_and_correlation(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sds of the parameters, SI, NaN without information, and their correlation matrix."""
+    total_information = np.asarray(solution.information + solution.prior_information)
+    scaled_information, unit = scale_to_unit_diagonal(total_information)
+    # With a unit diagonal, an eigenvalue of rounding size is a combination without information.
+    eigenvalues, vectors = np.linalg.eigh(scaled_information)
+    has_information = eigenvalues > 1e-12
+    inverse = (vectors[:, has_information] / eigenvalues[has_information]) @ vectors[:, has_information].T
+    is_undetermined = (vectors[:, ~has_information] ** 2).sum(axis=1) > 1e-6
+    sd = np.sqrt(np.diag(inverse)) / unit * np.abs(np.asarray(solution.slope))
+    # A parameter at its bound has no correlation.
+    root = np.sqrt(np.where(np.diag(inverse) > 0, np.diag(inverse), 1.0))
+    correlation = inverse / np.outer(root, root) * np.sign(np.outer(solution.slope, solution.slope))
+    return np.where(is_undetermined, np.nan, sd), correlation
+
+
+def build_estimates(
+    space: ParameterSpace, solution: Solution, sd: np.ndarray, at_limit: set[str], meaning: Mapping
+) -> NamedEstimates:
+    """Return the estimates by name; a parameter at its limit has no standard deviation."""
+    values = np.asarray(space.to_values(solution.u))
+    return NamedEstimates(
+        {
+            name: Estimate(
+                value=float(values[k]),
+                sd=float(sd[k]) if np.isfinite(sd[k]) and name not in at_limit else None,
+                prior=float(space.mean[k]),
+                prior_sd=float(space.sd[k]),
+                meaning=meaning[name],
+                at_limit=name in at_limit,
+            )
+            for k, name in enumerate(space.names)
+        }
+    )
+
+
+def build_case_fit(
+    space: ParameterSpace,
+    solution: Solution,
+    case: Case,
+    dataset: Dataset,
+    noise,
+    case_blocks,
+    held_out_masks,
+    held_out_prediction,
+    form_shares,
+) -> CaseFit:
+    """Return the muscle of one case, its predictions, and its errors."""
+    values = space.to_values(solution.u)
+    reading = predict_rows(dataset, values)
+    n = case.recording.n
+    status = np.asarray(reading.status)[:n]
+    has_failed = case.recording.usable & (status != Status.OK)
+    channels = case.recording.model_channels
+    form = estimate_form(dataset, values)[:, :n]
+    prediction = {c: np.asarray(getattr(reading, c))[:n] + own for c, own in zip(channels, form, strict=True)}
+    form_errors, prediction_sd = (
+        ({}, None)
+        if dataset.form_filter is None
+        else describe_form_errors(case, dataset, space, solution, form_shares)
+    )
+    names = tuple(
+        tuple(case_blocks.names[k] for k in np.unique(case_blocks.label[mask]) if k >= 0)
+        for mask in held_out_masks
+    )
+    return CaseFit(
+        case=case,
+        numbers={name: float(number) for name, number in dataset.collect_parameters(values).items()},
+        muscle=dataset.build_muscle(values),
+        prediction=prediction,
+        held_out_prediction=held_out_prediction,
+        block=[case_blocks.names[k] if k >= 0 else "" for k in case_blocks.label],
+        rmse=compute_rmse(case, prediction),
+        noise=noise,
+        held_out=HeldOutScore(case_blocks.kind, names, compute_rmse(case, held_out_prediction))
+        if held_out_masks
+        else None,
+        failed_rows={
+            s: case.recording.row[has_failed & (status == s)]
+            for s in Status
+            if (has_failed & (status == s)).any()
+        },
+        form_errors=form_errors,
+        prediction_sd={} if prediction_sd is None else dict(zip(channels, prediction_sd, strict=True)),
+    )
+
+
+def compute_rmse(case: Case, prediction: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """Return the root mean square of measured − predicted, SI, by channel, over the informative rows."""
+    rmse = {}
+    for channel in case.recording.channels:
+        misfit = getattr(case.recording, channel) - prediction[channel]
+        misfit = misfit[find_informative_samples(case, channel) & np.isfinite(misfit)]
+        if misfit.size:
+            rmse[channel] = compute_rms(misfit)
+    return rmse
