@@ -24,7 +24,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pamjax.benchmark.other_forms.case_text import build_text_case
-from pamjax.benchmark.other_forms.library import OTHER_FORMS, DrawnForm
+from pamjax.benchmark.other_forms.drawn_form import DrawnForm
+from pamjax.benchmark.other_forms.library import OTHER_FORMS
 from pamjax.benchmark.other_forms.muscle import (
     BenchPlan,
     Effect,

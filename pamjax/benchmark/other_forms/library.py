@@ -9,39 +9,13 @@ replaced by another mechanism.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from pamjax.benchmark.other_forms import braid_forms, friction_forms, rig_forms, rubber_forms, sensor_forms
+from pamjax.benchmark.other_forms import braid_drawers, friction_forms, rig_forms, rubber_forms, sensor_forms
+from pamjax.benchmark.other_forms.drawn_form import DrawnForm, FormDrawer
 from pamjax.benchmark.other_forms.muscle import Effect, MusclePath, compute_rate
 from pamjax.benchmark.other_forms.scales import BenchScales, compute_volume, draw_log_uniform
-
-
-@dataclass(frozen=True, eq=False)
-class DrawnForm:
-    """The shape of an effect, drawn, without its size.
-
-    Attributes:
-        id: id of the mechanism, or family outside the library.
-        form: name of the form; "usual" is that of the fit.
-        amplitude: name of the amplitude; for a usual form that of its parameter.
-        limit: largest absolute amplitude, SI.
-        build: function from an amplitude, SI, to the effect.
-        shape: drawn shape parameters, SI.
-        is_signed: whether the amplitude may be negative.
-    """
-
-    id: str
-    form: str
-    amplitude: str
-    limit: float
-    build: Callable[[float], Effect]
-    shape: dict[str, float] = field(default_factory=dict)
-    is_signed: bool = False
-
-
-FormDrawer = Callable[[np.random.Generator, BenchScales], DrawnForm]
 
 
 def _draw_drift_warm_up(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
@@ -238,110 +212,6 @@ def _build_softening(form: str, s: BenchScales, soften, shape: dict[str, float])
     return DrawnForm("mullins_softening", form, "modulus", 2e6, build, shape)
 
 
-def _draw_locking_contraction(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Return locking above a contraction U(0.6, 0.85) of the largest, with exponent U(1, 3)."""
-    return _build_locking("contraction", s, s.max_contraction * rng.uniform(0.6, 0.85), rng, side=1)
-
-
-def _draw_locking_extension(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Return locking below a contraction U(0.1, 0.35) of the largest, with exponent U(1, 3)."""
-    return _build_locking("extension", s, s.max_contraction * rng.uniform(0.1, 0.35), rng, side=-1)
-
-
-def _build_locking(form: str, s: BenchScales, start: float, rng: np.random.Generator, side: int) -> DrawnForm:
-    exponent = rng.uniform(1.0, 3.0)
-    return DrawnForm(
-        "braid_locking", form, "stiffness", 1e9,
-        lambda a: Effect(energy=braid_forms.lock_contraction(s.braid, a, start, exponent, side)),
-        {"start": start, "exponent": exponent},
-    )  # fmt: skip
-
-
-def _draw_locking_angle(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Return locking from the angle at a contraction U(0.1, 0.35) of the largest, with exponent U(1, 3)."""
-    length = s.braid.rest_length * (1 - s.max_contraction * rng.uniform(0.1, 0.35))
-    start, exponent = float(np.arcsin(length / s.braid.thread)), rng.uniform(1.0, 3.0)
-    return DrawnForm(
-        "braid_locking", "angle", "stiffness", 1e9,
-        lambda a: Effect(energy=braid_forms.lock_angle(a, start, exponent)),
-        {"start": start, "exponent": exponent},
-    )  # fmt: skip
-
-
-def _draw_cone(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Return conical ends, without shape parameter."""
-    return _build_taper("cone", s, braid_forms.taper_as_cone)
-
-
-def _draw_clamp(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Return clamped ends, without shape parameter."""
-    return _build_taper("clamp", s, braid_forms.taper_as_clamp)
-
-
-def _draw_parabola(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Return parabolic ends, without shape parameter."""
-    return _build_taper("parabola", s, braid_forms.taper_as_parabola)
-
-
-def _build_taper(form: str, s: BenchScales, taper) -> DrawnForm:
-    return DrawnForm(
-        "end_taper", form, "height", 0.25 * s.braid.rest_length, lambda a: taper(a, s.fitting_radius),
-        {"radius": s.fitting_radius},
-    )  # fmt: skip
-
-
-def _draw_crimp_corner(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Return crimp with a corner at a load LU(0.08, 0.7) of the largest."""
-    return _build_crimp("corner", s, rng, braid_forms.uncrimp_with_corner)
-
-
-def _draw_crimp_recruitment(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Return crimp with recruitment at a load LU(0.08, 0.7) of the largest."""
-    return _build_crimp("recruitment", s, rng, braid_forms.uncrimp_by_recruitment)
-
-
-def _build_crimp(form: str, s: BenchScales, rng: np.random.Generator, uncrimp) -> DrawnForm:
-    corner = s.max_load * draw_log_uniform(rng, 0.08, 0.7)
-    return DrawnForm(
-        "thread_crimp", form, "crimp", 0.03, lambda a: Effect(strain=lambda load: uncrimp(load, a, corner)),
-        {"load": corner},
-    )  # fmt: skip
-
-
-def _draw_power_stretch(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Return a stretch by a power of the load, with exponent U(0.5, 0.75)."""
-    exponent = rng.uniform(0.5, 0.75)
-    return DrawnForm(
-        "braid_elasticity", "power", "strain", 0.05,
-        lambda a: Effect(strain=lambda load: braid_forms.stretch_by_power(load, a, s.max_load, exponent)),
-        {"load": s.max_load, "exponent": exponent},
-    )  # fmt: skip
-
-
-def _draw_two_slips(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Return two slips between 10 and 90 % of the time, with share of the first U(0.3, 0.7)."""
-    first, second = sorted(s.draw_moment(rng) for _ in range(2))
-    share = rng.uniform(0.3, 0.7)
-
-    def build(amplitude: float) -> Effect:
-        return Effect(
-            extension=lambda path: braid_forms.slip_twice(path.time, amplitude, share, (first, second))
-        )
-
-    shape = {"first": first, "second": second, "share": share}
-    return DrawnForm("thread_slip", "two steps", "strain", 0.03, build, shape)
-
-
-def _draw_power_bedding(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Return bedding by a power of the load, with exponent U(1.5, 3)."""
-    exponent = rng.uniform(1.5, 3.0)
-    return DrawnForm(
-        "thread_slip", "power bedding", "strain", 0.03,
-        lambda a: Effect(extension=lambda path: braid_forms.bed_in_by_power(path.load, a, exponent)),
-        {"exponent": exponent},
-    )  # fmt: skip
-
-
 def _draw_exponential_contact(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
     """Return exponential contact loss, without shape parameter."""
     return _build_contact("exponential", rig_forms.lose_exponentially)
@@ -421,11 +291,15 @@ OTHER_FORMS: dict[str, tuple[FormDrawer, ...]] = {
     "viscoelastic_creep": (_draw_fractional, _draw_kohlrausch),
     "bladder_elasticity": (_draw_yeoh, _draw_ogden, _draw_gent),
     "mullins_softening": (_draw_exponential_softening, _draw_travel_softening),
-    "braid_locking": (_draw_locking_contraction, _draw_locking_extension, _draw_locking_angle),
-    "end_taper": (_draw_cone, _draw_clamp, _draw_parabola),
-    "thread_crimp": (_draw_crimp_corner, _draw_crimp_recruitment),
-    "braid_elasticity": (_draw_power_stretch,),
-    "thread_slip": (_draw_two_slips, _draw_power_bedding),
+    "braid_locking": (
+        braid_drawers.draw_locking_contraction,
+        braid_drawers.draw_locking_extension,
+        braid_drawers.draw_locking_angle,
+    ),
+    "end_taper": (braid_drawers.draw_cone, braid_drawers.draw_clamp, braid_drawers.draw_parabola),
+    "thread_crimp": (braid_drawers.draw_crimp_corner, braid_drawers.draw_crimp_recruitment),
+    "braid_elasticity": (braid_drawers.draw_power_stretch,),
+    "thread_slip": (braid_drawers.draw_two_slips, braid_drawers.draw_power_bedding),
     "contact_pressure": (_draw_exponential_contact, _draw_hyperbolic_contact),
     "pressure_drop": (_draw_turbulent_drop, _draw_orifice_drop),
     "rig_compliance": (_draw_hertz_rig, _draw_seat_rig),

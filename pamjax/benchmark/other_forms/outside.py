@@ -10,7 +10,7 @@ import dataclasses
 import numpy as np
 
 from pamjax.benchmark.other_forms import sensor_forms
-from pamjax.benchmark.other_forms.library import DrawnForm, FormDrawer
+from pamjax.benchmark.other_forms.drawn_form import DrawnForm, FormDrawer
 from pamjax.benchmark.other_forms.muscle import Effect, MusclePath, Readings
 from pamjax.benchmark.other_forms.scales import BenchScales, draw_log_uniform
 

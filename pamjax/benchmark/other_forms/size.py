@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.benchmark.other_forms.library import DrawnForm
+from pamjax.benchmark.other_forms.drawn_form import DrawnForm
 from pamjax.benchmark.other_forms.muscle import (
     BenchPlan,
     Effect,
