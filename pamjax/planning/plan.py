@@ -14,12 +14,9 @@ import pandas as pd
 from pamjax.errors import BadInput, check_minimum, suggest_word
 from pamjax.model.parameters import find_meaning
 from pamjax.notebook import NotebookText
-from pamjax.planning.information import (
-    PriorInformation,
-    build_prior_information,
-    list_muscle_parameters,
-)
+from pamjax.planning.information import PriorInformation
 from pamjax.planning.optimal_design import RunMenu, build_variance_criterion, build_volume_criterion
+from pamjax.planning.prior_information import build_prior_information, list_muscle_parameters
 from pamjax.planning.rig_capabilities import RigCapabilities, read_capabilities
 from pamjax.planning.runs import ISOBAR_CYCLES, PlannedRun, list_isobars, list_runs
 from pamjax.records.case import Case, ensure_case_or_toml

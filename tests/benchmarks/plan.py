@@ -29,8 +29,9 @@ from scipy.optimize import least_squares
 from pamjax.compile.jax_cache import keep_compiled
 from pamjax.model import braid
 from pamjax.model.assembly import assemble
-from pamjax.planning.information import PriorInformation, build_prior_information
+from pamjax.planning.information import PriorInformation
 from pamjax.planning.plan import Plan, plan
+from pamjax.planning.prior_information import build_prior_information
 from pamjax.planning.rig_capabilities import DEFAULT_ERROR_SDS, RigCapabilities
 from pamjax.planning.runs import PlannedRun, list_isobars, list_runs
 from pamjax.records.reading.muscle_toml import MuscleToml, Sensors

@@ -12,8 +12,9 @@ from pamjax.errors import BadInput
 from pamjax.infer.problem.priors import collect_stated_values
 from pamjax.model.assembly import assemble
 from pamjax.model.muscle import predict
-from pamjax.planning.information import build_map_case, build_prior_information
+from pamjax.planning.information import build_map_case
 from pamjax.planning.plan import compute_sd_course, plan
+from pamjax.planning.prior_information import build_prior_information
 from pamjax.planning.report import format_isobars
 from pamjax.planning.rig_capabilities import RigCapabilities, read_capabilities
 from pamjax.planning.runs import list_runs
