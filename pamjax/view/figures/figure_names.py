@@ -22,10 +22,9 @@ from pamjax.view.figures.diagnosis_story import plot_story
 from pamjax.view.figures.fit import (
     plot_held_out,
     plot_prediction,
-    plot_prior,
     plot_residual,
-    select_with_prior,
 )
+from pamjax.view.figures.fit_priors import plot_prior, select_with_prior
 from pamjax.view.figures.mismatch_map import list_other_channels, plot_map
 from pamjax.view.figures.posterior import find_ridges, plot_corner, plot_marginals, plot_ridges
 from pamjax.view.figures.posterior_checks import plot_band, plot_profiles, plot_traces

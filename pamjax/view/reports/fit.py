@@ -31,6 +31,7 @@ from pamjax.infer.problem.priors import is_length_error
 from pamjax.text import join_words
 from pamjax.units import format_quantity
 from pamjax.view.figures import fit as figures
+from pamjax.view.figures.fit_priors import select_with_prior
 from pamjax.view.figures.layout import build_layout
 from pamjax.view.reports.page import Picture, build_picture, write_page
 from pamjax.view.wording import (
@@ -224,7 +225,7 @@ def _format_prediction_caption(case_fit: CaseFit) -> str:
 
 def _format_prior_caption(fit: Fit, estimates: dict[str, Estimate]) -> str:
     """Return the caption of the figure of the priors."""
-    names_without_prior = [name for name in estimates if name not in figures.select_with_prior(fit)]
+    names_without_prior = [name for name in estimates if name not in select_with_prior(fit)]
     text = "Each estimate relative to its prior."
     return (
         f"{text} Only limits are stated for {join_words(names_without_prior)}."

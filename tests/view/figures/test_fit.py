@@ -22,10 +22,10 @@ from pamjax.records.recording import Recording
 from pamjax.view.figures.fit import (
     plot_held_out,
     plot_prediction,
-    plot_prior,
     plot_residual,
     save_fit_figures,
 )
+from pamjax.view.figures.fit_priors import plot_prior
 from pamjax.view.figures.layout import GRID_CELLS, build_layout, thin_points
 
 MUSCLE = Muscle(0.200, 0.2142, 1.203)
