@@ -19,7 +19,7 @@ from pamjax.benchmark.setups import draw_setup
 from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask
 from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.residual_test import run_baseline_test
-from pamjax.diagnosis.detect.significance import Significance
+from pamjax.diagnosis.detect.significance import ResidualTest
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.refit.model_fit import fit_model
 from pamjax.diagnosis.result import Diagnosis
@@ -264,7 +264,7 @@ def draw_ground_truth(task: TrialTask) -> GroundTruth:
     )  # fmt: skip
 
 
-def score_recording(case: Case, seed: int = 0) -> Significance:
+def score_recording(case: Case, seed: int = 0) -> ResidualTest:
     """Return the significance of the baseline's misfit, without a selection of mechanisms."""
     problem = build_library_problem(case)
     training_mask = ~build_held_out_mask(find_blocks(case.recording))

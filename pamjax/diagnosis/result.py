@@ -15,11 +15,11 @@ import pandas as pd
 from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.crossval.held_out_errors import HeldOutErrors, compute_rmse
 from pamjax.diagnosis.detect.locate import Box
-from pamjax.diagnosis.detect.significance import Significance
+from pamjax.diagnosis.detect.significance import ResidualTest
 from pamjax.diagnosis.form_errors.prediction import FormPrediction
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.experiment import Experiment
-from pamjax.diagnosis.outside.rival_templates import Likeness
+from pamjax.diagnosis.outside.template_fits import Likeness
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.saved_model import build_model_document
@@ -93,9 +93,9 @@ class Diagnosis(DrawableResult, NotebookText):
     selection: Selection
     model: ModelFit
     baseline: ModelFit
-    mismatch: Significance
+    mismatch: ResidualTest
     mismatch_boxes: list[Box]
-    residual_test: Significance
+    residual_test: ResidualTest
     unexplained: bool
     likenesses: tuple[Likeness, ...]
     residual_boxes: list[Box]

@@ -20,15 +20,15 @@ from pamjax.diagnosis.detect.residual_test import (
     run_baseline_test,
     run_residual_test,
 )
-from pamjax.diagnosis.detect.significance import Significance
+from pamjax.diagnosis.detect.significance import ResidualTest
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.form_errors.prediction import describe_form_errors, predict_with_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.next_experiment.experiment import Experiment, propose_experiments
 from pamjax.diagnosis.noise.sensor_scale import compute_noise_ratios, format_noise_notes
 from pamjax.diagnosis.notes import format_notes
-from pamjax.diagnosis.outside.rival_templates import list_likenesses
 from pamjax.diagnosis.outside.template_context import build_template_context
+from pamjax.diagnosis.outside.template_fits import list_likenesses
 from pamjax.diagnosis.outside.templates import Template, build_templates
 from pamjax.diagnosis.refit.least_squares import evaluate_estimate
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
@@ -73,7 +73,7 @@ class _Training:
     mask: np.ndarray
     blocks: Blocks
     baseline: ModelFit
-    mismatch: Significance
+    mismatch: ResidualTest
     seed: int
 
     @property
@@ -94,7 +94,7 @@ class _TestedSelection:
     """
 
     selection: Selection
-    residual_test: Significance
+    residual_test: ResidualTest
     unexplained: bool
     replacement_notes: Sequence[str] = ()
 

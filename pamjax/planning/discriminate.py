@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pamjax.diagnosis.detect.residual_test import is_residual_significant, run_residual_test
-from pamjax.diagnosis.detect.significance import Significance
+from pamjax.diagnosis.detect.significance import ResidualTest
 from pamjax.diagnosis.library.candidates import MECHANISMS_NEEDING_TIME, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.next_experiment.experiment import (
@@ -61,7 +61,7 @@ class Discrimination(NotebookText):
     testbed: SimulatedTestbed
     experiments: tuple[Experiment, ...]
     chosen_experiment: Experiment
-    residual_tests: tuple[Significance, Significance]
+    residual_tests: tuple[ResidualTest, ResidualTest]
     neither_explains: bool
 
     @property

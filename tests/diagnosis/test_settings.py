@@ -15,7 +15,7 @@ from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask
 from pamjax.diagnosis.detect.locate import _find_motion
 from pamjax.diagnosis.detect.regions import RecordingAxes, split_into_regions
 from pamjax.diagnosis.detect.residual_test import is_residual_large, is_residual_significant
-from pamjax.diagnosis.detect.significance import Significance
+from pamjax.diagnosis.detect.significance import ResidualTest
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_parameters import _compute_limits
 from pamjax.diagnosis.next_experiment.experiment import Experiment, choose_experiment
@@ -166,7 +166,7 @@ def count_parameters_at_limit(settings):
     return find_parameters_at_limit(problem, build_estimate(values, [k])).size
 
 
-FAINT = Significance(p_value=0.005, largest_deviation=4.0, direction_count=100, mean_square=1.2)
+FAINT = ResidualTest(p_value=0.005, largest_deviation=4.0, direction_count=100, mean_square=1.2)
 
 
 def build_search(settings, baseline):

@@ -9,10 +9,10 @@ import numpy as np
 from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask, compute_held_out_errors
 from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.regions import build_axes
-from pamjax.diagnosis.detect.significance import Significance
+from pamjax.diagnosis.detect.significance import ResidualTest
 from pamjax.diagnosis.form_errors.prediction import FormPrediction
 from pamjax.diagnosis.next_experiment.experiment import Experiment
-from pamjax.diagnosis.outside.rival_templates import Likeness
+from pamjax.diagnosis.outside.template_fits import Likeness
 from pamjax.diagnosis.result import Diagnosis, ParameterEstimate, ParameterShift
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
@@ -122,9 +122,9 @@ def diagnosis(
         selection=Selection(models[0], models[1], tuple(names) if named and detected else ()),
         model=models[1] if named and detected else models[0],
         baseline=models[0],
-        mismatch=Significance(1e-40 if detected else 0.43, 30.0, 258, 90.0),
+        mismatch=ResidualTest(1e-40 if detected else 0.43, 30.0, 258, 90.0),
         mismatch_boxes=[box],
-        residual_test=Significance(1e-6 if unexplained else 0.2, 3.0, 258, 1.1),
+        residual_test=ResidualTest(1e-6 if unexplained else 0.2, 3.0, 258, 1.1),
         unexplained=unexplained,
         likenesses=(Likeness("stop", 0.7, "a stop beyond 12.0 % contraction"),) if unexplained else (),
         residual_boxes=[box],

@@ -7,14 +7,14 @@ import math
 import numpy as np
 
 from pamjax.diagnosis.detect.score_test import compute_score_directions
-from pamjax.diagnosis.detect.significance import Significance, compute_significance
+from pamjax.diagnosis.detect.significance import ResidualTest, compute_significance
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.settings import DiagnosisSettings
 
 
-def run_baseline_test(problem: LibraryProblem, baseline: ModelFit, seed: int = 0) -> Significance:
+def run_baseline_test(problem: LibraryProblem, baseline: ModelFit, seed: int = 0) -> ResidualTest:
     """Return the test of the baseline's residual along the score directions of all mechanisms.
 
     A table without stated noise is tested on all rows, because they estimate its noise.
@@ -29,7 +29,7 @@ def run_baseline_test(problem: LibraryProblem, baseline: ModelFit, seed: int = 0
     return run_residual_test(problem, baseline, seed)
 
 
-def run_residual_test(problem: LibraryProblem, fit: ModelFit, seed: int = 0) -> Significance:
+def run_residual_test(problem: LibraryProblem, fit: ModelFit, seed: int = 0) -> ResidualTest:
     """Return the test of a model's residual along the score directions of the mechanisms outside it.
 
     Args:
@@ -47,7 +47,7 @@ def run_residual_test(problem: LibraryProblem, fit: ModelFit, seed: int = 0) -> 
 
 
 def is_residual_significant(
-    mismatch: Significance, residual_test: Significance, settings: DiagnosisSettings
+    mismatch: ResidualTest, residual_test: ResidualTest, settings: DiagnosisSettings
 ) -> bool:
     """Return whether a residual is significant and large: misfit that the mechanisms do not explain.
 
@@ -65,7 +65,7 @@ def is_residual_significant(
 
 
 def is_residual_large(
-    mismatch: Significance, residual_test: Significance, settings: DiagnosisSettings
+    mismatch: ResidualTest, residual_test: ResidualTest, settings: DiagnosisSettings
 ) -> bool:
     """Return whether the rms of a residual is large compared with the noise and the baseline's residual."""
     residual_excess, mismatch_excess = (

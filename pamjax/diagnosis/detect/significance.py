@@ -42,7 +42,7 @@ _MAX_NUMBERS_PER_BATCH = 10**6
 
 
 @dataclass(frozen=True)
-class Significance:
+class ResidualTest:
     """Result of the test of a residual against noise.
 
     Attributes:
@@ -65,7 +65,7 @@ def compute_significance(
     estimate: MapEstimate,
     score_directions: list[ScoreDirection],
     seed: int = 0,
-) -> Significance:
+) -> ResidualTest:
     """Return the test of a refit's residual against noise.
 
     Args:
@@ -108,7 +108,7 @@ def compute_significance(
         float(norm.sf(z_score)) / problem.settings.mean_square_level_share,
         1.0,
     )
-    return Significance(float(max(p_value, 1e-300)), largest, len(directions), mean_square)
+    return ResidualTest(float(max(p_value, 1e-300)), largest, len(directions), mean_square)
 
 
 def _normalise_rows(rows: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ def build_coordinates(problem: LibraryProblem) -> Coordinates:
     return Coordinates.from_recording(problem.case.recording, is_compared, rate)
 
 
-def compute_effect_of(problem: LibraryProblem, values: np.ndarray, candidate: Candidate) -> np.ndarray:
+def compute_effect(problem: LibraryProblem, values: np.ndarray, candidate: Candidate) -> np.ndarray:
     """Return what a candidate changes in the prediction, SI, (2, n); zero where a state has no answer."""
     return np.nan_to_num(
         problem.predict(values) - problem.predict(switch_off_candidate(problem, values, candidate))
@@ -34,7 +34,7 @@ def build_form_columns(
     form_error = find_mechanism(candidate.id).form_error
     if not (form_error.terms or form_error.shape_factors):
         return np.zeros((0, len(CHANNELS), problem.n))
-    effect = compute_effect_of(problem, values, candidate)
+    effect = compute_effect(problem, values, candidate)
     reshaped_effects = [
         _compute_reshaped_effect(problem, values, candidate, factors) for factors in form_error.shape_factors
     ]
@@ -47,4 +47,4 @@ def _compute_reshaped_effect(
     """Return the effect of a candidate with factors on its shape parameters, SI, (2, n)."""
     factor_by_name = {f"{candidate.id}.{name}": factor for name, factor in factors.items()}
     shape = {name: values[problem.index(name)] * factor for name, factor in factor_by_name.items()}
-    return compute_effect_of(problem, problem.set_shape(values, shape), candidate)
+    return compute_effect(problem, problem.set_shape(values, shape), candidate)

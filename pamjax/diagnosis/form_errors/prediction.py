@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.diagnosis.form_errors.columns import compute_effect_of
+from pamjax.diagnosis.form_errors.columns import compute_effect
 from pamjax.diagnosis.form_errors.fit import FormErrorFit
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.model_fit import ModelFit
@@ -39,7 +39,7 @@ def describe_form_errors(problem: LibraryProblem, fit: ModelFit) -> dict[str, Fo
     for candidate in fit.mechanisms:
         if candidate.id in fit.shares:
             form = noise.estimate_discrepancy(residual, candidate.id)
-            effect = compute_effect_of(problem, values, candidate)
+            effect = compute_effect(problem, values, candidate)
             form_white, effect_white = (_whiten(noise, part) for part in (form, effect))
             parts[candidate.id] = build_form_part(
                 fit.shares[candidate.id], form, effect, form_white, effect_white, np.asarray(is_measured)

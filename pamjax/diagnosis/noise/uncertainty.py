@@ -109,7 +109,7 @@ def _get_unknown_sensor_nodes(unknown_sensor: UnknownSensorNoise) -> tuple[np.nd
         np.searchsorted(np.cumsum(unknown_sensor.probability), norm.cdf(NORMAL_NODES)),
         unknown_sensor.probability.size - 1,
     )
-    rho, variance = unknown_sensor.candidates[k].T
+    rho, variance = unknown_sensor.support[k].T
     return rho, variance / unknown_sensor.correlation_and_variance[1]
 
 

@@ -41,11 +41,13 @@ def add_masked_effects(search: MechanismSearch, fit: ModelFit) -> ModelFit:
 
 def _remove_form_errors(search: MechanismSearch, fit: ModelFit) -> list[ModelFit]:
     """Return the model without the form error of each mechanism that has one, refitted."""
-    tolerant_fit = add_form_errors(search.problem, fit)
-    if not isinstance(tolerant_fit, FormErrorFit):
+    form_error_fit = add_form_errors(search.problem, fit)
+    if not isinstance(form_error_fit, FormErrorFit):
         return []
     reduced_fits = [
-        _remove_form_error(search, tolerant_fit, id) for id, share in tolerant_fit.shares.items() if share > 0
+        _remove_form_error(search, form_error_fit, id)
+        for id, share in form_error_fit.shares.items()
+        if share > 0
     ]
     return [fit for fit in reduced_fits if not is_excess_noise(search, fit)]
 

@@ -168,14 +168,14 @@ def rank_pairs(
         same_pair_chi2_share: difference below which two pairs with a common mechanism count as the same.
     """
     directions = [
-        s for s in scores if s.candidate.id not in fit.ids and not _is_barred(s.candidate, fit.mechanisms)
+        s for s in scores if s.candidate.id not in fit.ids and not _is_excluded(s.candidate, fit.mechanisms)
     ]
     rows = np.concatenate([s.unit_vectors for s in directions])
     ends = np.cumsum([len(s.unit_vectors) for s in directions])
     along, gram, bic_penalty = rows @ residual, rows @ rows.T, np.log(max(fit.noise.size, 2))
     ranked_pairs = []
     for a, b in combinations(range(len(directions)), 2):
-        if directions[a].candidate.id == directions[b].candidate.id or _is_barred(
+        if directions[a].candidate.id == directions[b].candidate.id or _is_excluded(
             directions[a].candidate, [directions[b].candidate]
         ):
             continue
@@ -206,7 +206,7 @@ def rank_pairs(
             )
 
 
-def _is_barred(candidate: Candidate, others: Sequence[Candidate]) -> bool:
+def _is_excluded(candidate: Candidate, others: Sequence[Candidate]) -> bool:
     return any(frozenset({candidate.id, other.id}) in EXCLUSIVE_PAIRS for other in others)
 
 

@@ -42,5 +42,5 @@ def remove_redundant(search: MechanismSearch, fit: ModelFit) -> ModelFit:
 
 def compute_cost(search: MechanismSearch, fit: ModelFit) -> float:
     """Return −2 ln L with the priors and the form errors, up to a constant."""
-    tolerant_fit = add_form_errors(search.problem, fit)
-    return tolerant_fit.corrected_chi2 + tolerant_fit.noise.log_determinant
+    form_error_fit = add_form_errors(search.problem, fit)
+    return form_error_fit.corrected_chi2 + form_error_fit.noise.log_determinant

@@ -2,7 +2,7 @@
 
 Several mechanisms together can imitate such an effect. First each mechanism, and all of them, are replaced by
 the best template. If that explains more, mechanisms are removed one by one, as long as the criterion
-−2 ln L + k ln n of `outside/rival_templates.py` decreases. A mechanism that explained a part of the effect is
+−2 ln L + k ln n of `outside/template_fits.py` decreases. A mechanism that explained a part of the effect is
 often superfluous beside the template.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.outside.rival_templates import TemplateFit, find_best_template_fit
+from pamjax.diagnosis.outside.template_fits import TemplateFit, find_best_template_fit
 from pamjax.diagnosis.outside.templates import Template
 from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism, refit_baseline
 from pamjax.diagnosis.select.selection import Selection, restrict_selection

@@ -200,9 +200,9 @@ def _add_candidates(
     """
     while len(fit.mechanisms) < search.settings.max_mechanisms:
         search.progress("selecting mechanisms", 0.1 + 0.1 * len(fit.mechanisms))
-        tolerant_fit = add_form_errors(search.problem, fit)
-        best = best or fit_best_candidate(search, tolerant_fit, directions)
-        if best is None or not search.is_worthwhile(tolerant_fit, best, may_be_small):
+        form_error_fit = add_form_errors(search.problem, fit)
+        best = best or fit_best_candidate(search, form_error_fit, directions)
+        if best is None or not search.is_worthwhile(form_error_fit, best, may_be_small):
             return fit, best
         fit, directions, best = _swap_mechanisms(search, search.refit(best)), None, None
     return fit, None

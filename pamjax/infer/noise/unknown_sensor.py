@@ -62,13 +62,13 @@ class UnknownSensorNoise:
     Attributes:
         correlation_and_variance: the estimate: correlation, and variance (SI squared).
         white_variance: variance of additional white noise that is not stated, SI squared.
-        candidates: (k, 2) possible correlations and variances, in ascending order of slow noise.
-        probability: (k,) posterior probability of each candidate.
+        support: (k, 2) possible correlations and variances, in ascending order of slow noise.
+        probability: (k,) posterior probability of each of them.
     """
 
     correlation_and_variance: tuple[float, float]
     white_variance: float
-    candidates: np.ndarray
+    support: np.ndarray
     probability: np.ndarray
 
 

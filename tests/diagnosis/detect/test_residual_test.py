@@ -12,7 +12,7 @@ from pamjax.diagnosis.detect.residual_test import (
     run_baseline_test,
     run_residual_test,
 )
-from pamjax.diagnosis.detect.significance import Significance
+from pamjax.diagnosis.detect.significance import ResidualTest
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.refit.model_fit import fit_model
@@ -23,14 +23,14 @@ from tests.diagnosis.bank import BankRecording, simulate_bank
 
 @pytest.mark.parametrize(("square", "left"), [(1.05, False), (1.5, True)])
 def test_misfit_below_the_form_error_is_not_unexplained(square, left):
-    faint = Significance(p_value=1e-9, largest_deviation=8.0, direction_count=100, mean_square=square)
+    faint = ResidualTest(p_value=1e-9, largest_deviation=8.0, direction_count=100, mean_square=square)
     assert is_residual_significant(faint, faint, DEFAULT_SETTINGS) is left
 
 
 @pytest.mark.parametrize("p_value", [0.1, 1e-9])
 def test_large_misfit_within_noise_is_not_significant(p_value):
-    mismatch = Significance(p_value=1e-300, largest_deviation=50.0, direction_count=100, mean_square=5.3)
-    rest = Significance(p_value=p_value, largest_deviation=4.0, direction_count=100, mean_square=1.3)
+    mismatch = ResidualTest(p_value=1e-300, largest_deviation=50.0, direction_count=100, mean_square=5.3)
+    rest = ResidualTest(p_value=p_value, largest_deviation=4.0, direction_count=100, mean_square=1.3)
     assert is_residual_large(mismatch, rest, DEFAULT_SETTINGS)
     assert is_residual_significant(mismatch, rest, DEFAULT_SETTINGS) is (p_value < 0.01)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pamjax import DiagnosisSettings, diagnose
-from pamjax.diagnosis.form_errors.columns import compute_effect_of
+from pamjax.diagnosis.form_errors.columns import compute_effect
 from tests.diagnosis.bank import (
     BankRecording,
     diagnose_bank,
@@ -28,7 +28,7 @@ def change_form(definition):
     """Return the recording with a rubber that is stiffer at both ends of the stroke than its equation."""
     diagnosis, case = diagnose_bank(definition), simulate_bank(definition).case
     values, rubber = diagnosis.model.estimate.values, diagnosis.model.mechanisms[0]
-    effect = compute_effect_of(diagnosis.problem, values, rubber)
+    effect = compute_effect(diagnosis.problem, values, rubber)
     length = case.recording.length
     x = 2 * (length - length.min()) / np.ptp(length) - 1
     return replace_recording(case, force=case.recording.force + SHARE * (1.5 * x**2 - 0.5) * effect[0])

@@ -58,7 +58,7 @@ def test_possible_noise_includes_the_true_noise(rho):
         noise = estimate_unknown_noise(
             DifferenceStatistics(squares(values), MANY, np.full(DIFFERENCE_LAGS.size, 6.0), 0.1)
         )
-        slow = noise.candidates[:, 1] * (1 + noise.candidates[:, 0]) / (1 - noise.candidates[:, 0])
+        slow = noise.support[:, 1] * (1 + noise.support[:, 0]) / (1 - noise.support[:, 0])
         assert np.all(np.diff(slow) >= -1e-9 * slow[-1])
         assert noise.probability.sum() == pytest.approx(1.0)
         below.append(noise.probability[slow < (1 + rho) / (1 - rho)].sum())
@@ -86,7 +86,7 @@ def test_slow_noise_is_possible_with_unstated_white_noise():
             noise = estimate_unknown_noise(
                 DifferenceStatistics(values, MANY, NO_OTHER, 0.1, allows_white_noise=room)
             )
-            slow = noise.candidates[:, 1] * (1 + noise.candidates[:, 0]) / (1 - noise.candidates[:, 0])
+            slow = noise.support[:, 1] * (1 + noise.support[:, 0]) / (1 - noise.support[:, 0])
             outcomes.append(noise.probability[slow < 19].sum() > 0.99)
     assert np.mean(beyond[True]) < 0.15
     # Negative control: without white noise in the model, almost no correlation is estimated.
@@ -103,5 +103,5 @@ def test_recording_without_noise_is_accepted():
             allows_white_noise=True,
         )
     )
-    assert np.all(np.isfinite(noise.candidates))
+    assert np.all(np.isfinite(noise.support))
     assert noise.probability.sum() == pytest.approx(1.0)

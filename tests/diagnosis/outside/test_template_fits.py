@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.outside.rival_templates import compute_cost_reductions, compute_explained_chi2
+from pamjax.diagnosis.outside.template_fits import compute_cost_reductions, compute_explained_chi2
 from pamjax.diagnosis.outside.templates import Template
 from tests.agreement import SOLVED, agree
 from tests.diagnosis.plain_fits import build_fit

@@ -94,14 +94,14 @@ def _fit_best_template(
     problem: LibraryProblem, templates: Sequence[Template], fit: ModelFit
 ) -> TemplateFit | None:
     """Return the fit with the template that explains most of its residual; None if no template applies."""
-    tolerant_fit = add_form_errors(problem, fit)
-    gains = compute_cost_reductions(tolerant_fit, templates)
+    form_error_fit = add_form_errors(problem, fit)
+    gains = compute_cost_reductions(form_error_fit, templates)
     if not np.isfinite(gains).any():
         return None
     best = templates[int(np.argmax(gains))]
-    columns = build_free_columns(tolerant_fit.noise, best.columns)
-    noise = add_discrepancy(tolerant_fit.noise, columns, [best.id] * len(columns))
-    estimate = fit_parameters(problem, noise, fit.estimate.free, tolerant_fit.estimate.values)
+    columns = build_free_columns(form_error_fit.noise, best.columns)
+    noise = add_discrepancy(form_error_fit.noise, columns, [best.id] * len(columns))
+    estimate = fit_parameters(problem, noise, fit.estimate.free, form_error_fit.estimate.values)
     noise, estimate = _add_form_error(problem, best, noise, estimate)
     cost = replace(fit, noise=noise, estimate=estimate).full_bic - compute_free_column_cost(len(columns))
     cost -= 2 * math.log(best.share)
@@ -130,10 +130,10 @@ def list_likenesses(
 
     A family is listed if it has the probability `min_likeness` and explains `min_likeness_excess_share`.
     """
-    settings, tolerant_fit = problem.settings, add_form_errors(problem, fit)
-    explained = compute_explained_chi2(tolerant_fit, templates)
-    gains = explained - _compute_penalties(tolerant_fit, templates)
-    scale = max(tolerant_fit.estimate.chi2 / max(tolerant_fit.noise.size, 1), 1.0)
+    settings, form_error_fit = problem.settings, add_form_errors(problem, fit)
+    explained = compute_explained_chi2(form_error_fit, templates)
+    gains = explained - _compute_penalties(form_error_fit, templates)
+    scale = max(form_error_fit.estimate.chi2 / max(form_error_fit.noise.size, 1), 1.0)
     probabilities = softmax(np.append(gains, 0.0) / (2 * scale))[:-1]
     out: dict[str, Likeness] = {}
     for k in np.argsort(-probabilities):
@@ -142,7 +142,7 @@ def list_likenesses(
             float(p) for p, other in zip(probabilities, templates, strict=True) if other.id == template.id
         )
         if template.id not in out and total >= settings.min_likeness:
-            if explained[k] < settings.min_likeness_excess_share * tolerant_fit.excess_chi2:
+            if explained[k] < settings.min_likeness_excess_share * form_error_fit.excess_chi2:
                 continue
             out[template.id] = Likeness(template.id, total, template.description)
     return tuple(out.values())
