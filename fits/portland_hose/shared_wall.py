@@ -85,7 +85,7 @@ def average_values(values: Sequence[tuple[float, float]]) -> WeightedMean:
 
 def format_rmse(result: CaseFit) -> str:
     """Return the rmse of force in sample and held out, N."""
-    held_out = result.held_out.rmse["force"] if result.held_out else np.nan
+    held_out = result.held_out_score.rmse["force"] if result.held_out_score else np.nan
     return f"{result.rmse['force']:.3g}, {held_out:.3g}"
 
 

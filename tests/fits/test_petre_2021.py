@@ -46,4 +46,4 @@ def test_friction_explains_the_loop(case):
     rubbed = fit(case, mechanisms=("bladder_elasticity", "braid_friction"), starts=1, fold_count=2)
     # Half of the loop is the smallest rms error of a model that does not depend on the direction.
     half_loop = 0.5 * 3.29e-3
-    assert rubbed.cases[0].held_out.rmse["length"] < 0.4 * half_loop
+    assert rubbed.cases[0].held_out_score.rmse["length"] < 0.4 * half_loop

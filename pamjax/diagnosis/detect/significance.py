@@ -88,10 +88,10 @@ def compute_significance(
     )
     has_direction = np.linalg.norm(directions, axis=1) > 0.5
     directions, is_two_sided = directions[has_direction], is_two_sided[has_direction]
-    along = directions[:, : estimate.residual.size] @ estimate.residual
+    projections = directions[:, : estimate.residual.size] @ estimate.residual
     uncertainty = estimate_noise_uncertainty(noise, directions, problem.settings)
     largest = float(
-        np.max(_compute_deviation(along, is_two_sided) / _compute_sd_bound(uncertainty), initial=0.0)
+        np.max(_compute_deviation(projections, is_two_sided) / _compute_sd_bound(uncertainty), initial=0.0)
     )
     p = _estimate_tail_probability(
         directions @ directions.T,
@@ -117,9 +117,9 @@ def _normalise_rows(rows: np.ndarray) -> np.ndarray:
     return np.where(norms > 1e-6, rows / np.where(norms > 0, norms, 1.0), 0.0)
 
 
-def _compute_deviation(along: np.ndarray, is_two_sided: np.ndarray | bool) -> np.ndarray:
+def _compute_deviation(projections: np.ndarray, is_two_sided: np.ndarray | bool) -> np.ndarray:
     """Return the deviations; of a one-sided direction a negative value stays negative."""
-    return np.where(is_two_sided, np.abs(along), along)
+    return np.where(is_two_sided, np.abs(projections), projections)
 
 
 def _compute_sd_bound(uncertainty: NoiseUncertainty) -> np.ndarray:
@@ -246,6 +246,6 @@ def _test_mean_squares(
         z_score = (mean - 1) / error
         if z_score > largest:
             mean_square, largest = mean, z_score
-        if channel.stated:
+        if channel.is_stated:
             largest_of_stated = max(largest_of_stated, z_score)
     return mean_square, largest_of_stated

@@ -84,7 +84,7 @@ def _compute_channel_variances(
     if channel is None or samples < 2 or math.isfinite(channel.degrees_of_freedom):
         return np.repeat(share, NORMAL_NODES.size, axis=1)
     variance_factors = np.exp(NORMAL_NODES * math.sqrt(3 / samples))
-    if samples < settings.min_samples_for_correlation or not (channel.stated or channel.unknown_sensor):
+    if samples < settings.min_samples_for_correlation or not (channel.is_stated or channel.unknown_sensor):
         return share * variance_factors
     power = np.abs(np.fft.fft(direction_part, axis=1)) ** 2 / samples
     phase = np.exp(-2j * np.pi * np.arange(samples) / samples)

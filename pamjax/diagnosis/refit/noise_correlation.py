@@ -43,7 +43,7 @@ def fit_noise_correlation(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
     compute_deviance, noise = _build_restricted_deviance(problem, fit), fit.noise
     for _ in range(problem.settings.correlation_sweeps):
         for c, channel in enumerate(noise.by_channel):
-            if channel is not None and channel.stated and not channel.degrees_of_freedom < np.inf:
+            if channel is not None and channel.is_stated and not channel.degrees_of_freedom < np.inf:
                 noise = (
                     _fit_channel_correlation(
                         noise, c, compute_deviance, problem.settings.max_noise_correlation

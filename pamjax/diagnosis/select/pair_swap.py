@@ -63,7 +63,7 @@ def swap_pairs(search: MechanismSearch, fit: ModelFit) -> ModelFit:
 def _find_better_pair(search: MechanismSearch, fit: ModelFit) -> ModelFit | None:
     """Return the model with a pair in the place of others, if its BIC is clearly lower; else None."""
     # Without stated noise, enough mechanisms can explain any residual.
-    is_noise_stated = all(channel is None or channel.stated for channel in fit.noise.by_channel)
+    is_noise_stated = all(channel is None or channel.is_stated for channel in fit.noise.by_channel)
     removed_counts = range(3) if is_noise_stated and not leaves_only_noise(search, fit) else (2,)
     positions = chain.from_iterable(
         combinations(range(len(fit.mechanisms)), count) for count in removed_counts

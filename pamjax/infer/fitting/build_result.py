@@ -92,7 +92,7 @@ def build_case_fit(
         block=[case_blocks.names[k] if k >= 0 else "" for k in case_blocks.label],
         rmse=compute_rmse(case, prediction),
         noise=noise,
-        held_out=HeldOutScore(case_blocks.kind, names, compute_rmse(case, held_out_prediction))
+        held_out_score=HeldOutScore(case_blocks.kind, names, compute_rmse(case, held_out_prediction))
         if held_out_masks
         else None,
         failed_rows={

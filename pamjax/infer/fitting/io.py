@@ -62,7 +62,7 @@ def _build_case_entry(case_fit: CaseFit, law: str, mechanisms: tuple[str, ...]) 
         "noise": {
             c: _build_quantity_entry(c, n.sd, "sd")
             | {
-                "given": n.stated,
+                "given": n.is_stated,
                 "excess": n.rms_over_noise,
                 "inflation": n.autocorrelation_time,
                 "correlation_time_s": n.correlation_time,
@@ -70,11 +70,11 @@ def _build_case_entry(case_fit: CaseFit, law: str, mechanisms: tuple[str, ...]) 
             for c, n in case_fit.noise.items()
         },
         "held_out": {}
-        if case_fit.held_out is None
+        if case_fit.held_out_score is None
         else {
-            "blocks": case_fit.held_out.kind,
-            "folds": [list(f) for f in case_fit.held_out.folds],
-            "rmse": {c: _build_quantity_entry(c, v) for c, v in case_fit.held_out.rmse.items()},
+            "blocks": case_fit.held_out_score.kind,
+            "folds": [list(f) for f in case_fit.held_out_score.folds],
+            "rmse": {c: _build_quantity_entry(c, v) for c, v in case_fit.held_out_score.rmse.items()},
         },
         "calibrated": {
             name: {"low": low, "high": high} for name, (low, high) in case_fit.calibrated_range.items()

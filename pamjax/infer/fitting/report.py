@@ -136,10 +136,10 @@ def _format_case(case_fit: CaseFit, several: bool) -> Iterator[str]:
             f"  {channel}: rmse {format_channel_value(value, channel)}, {kind}"
             f" {format_channel_value(noise.sd, channel)}"
         )
-        if case_fit.held_out and channel in case_fit.held_out.rmse:
+        if case_fit.held_out_score and channel in case_fit.held_out_score.rmse:
             line += (
-                f", held-out {case_fit.held_out.kind}"
-                f" {format_channel_value(case_fit.held_out.rmse[channel], channel)}"
+                f", held-out {case_fit.held_out_score.kind}"
+                f" {format_channel_value(case_fit.held_out_score.rmse[channel], channel)}"
             )
         yield line
         if channel == "length":
@@ -187,7 +187,7 @@ def _format_contraction_error(case_fit: CaseFit, rmse: float) -> str:
 
 
 def _describe_noise_source(noise: ChannelNoise) -> str:
-    if noise.stated:
+    if noise.is_stated:
         return "noise"
     source = "the residuals" if noise.neighbour_sd is None else "neighbouring samples"
     return f"noise from {source} (no sensor stated)"
@@ -208,7 +208,7 @@ def format_misfit(channel: str, rmse: float, noise: ChannelNoise) -> str:
     """
     if noise.neighbour_sd is None:
         return f"misfit is {noise.rms_over_noise:.1f} times the noise: the model lacks a mechanism"
-    if not noise.stated:
+    if not noise.is_stated:
         # The line above has the only estimate of the noise; a second one would contradict it.
         return (
             f"the rmse of {channel} is {format_channel_value(rmse, channel)}, {rmse / noise.sd:.1f} times its"
@@ -243,14 +243,14 @@ def _format_seconds(time: float) -> str:
 
 
 def _format_held_out(case_fit: CaseFit) -> str:
-    if case_fit.held_out is None:
+    if case_fit.held_out_score is None:
         return "no cross-validation: the recording has only one block"
-    folds = case_fit.held_out.folds
-    lines = ", by line of the file" if case_fit.held_out.kind == "rows" else ""
+    folds = case_fit.held_out_score.folds
+    lines = ", by line of the file" if case_fit.held_out_score.kind == "rows" else ""
     text = f"cross-validation folds{lines}: " + " | ".join("; ".join(fold) for fold in folds)
     if len(text) < 200:
         return text
-    return f"cross-validation: {sum(map(len, folds))} {case_fit.held_out.kind} in {len(folds)} folds"
+    return f"cross-validation: {sum(map(len, folds))} {case_fit.held_out_score.kind} in {len(folds)} folds"
 
 
 def _format_rows(rows: np.ndarray) -> str:

@@ -106,7 +106,7 @@ class CaseFit:
         block: (n,) name of each row's block.
         rmse: SI, by channel.
         noise: by channel.
-        held_out: error on held-out blocks; None if there are too few blocks.
+        held_out_score: error on held-out blocks; None if there are too few blocks.
         failed_rows: rows of the file where the muscle has no solution, by status.
         form_errors: by mechanism; empty for a fit without form errors.
         prediction_sd: (n,) by channel, SI, sd of the prediction due to parameters and form errors; empty for
@@ -121,7 +121,7 @@ class CaseFit:
     block: list[str]
     rmse: dict[str, float]
     noise: dict[str, ChannelNoise]
-    held_out: HeldOutScore | None
+    held_out_score: HeldOutScore | None
     failed_rows: dict[Status, np.ndarray]
     form_errors: dict[str, FormErrorPart] = field(default_factory=dict)
     prediction_sd: dict[str, np.ndarray] = field(default_factory=dict)

@@ -91,7 +91,7 @@ def reweight_dataset(
         )
         noise[channel] = ChannelNoise(
             sd=float(np.sqrt(np.mean(sd[k, measured] ** 2))) * (1.0 if stated_sd else rms_over_noise),
-            stated=stated_sd is not None,
+            is_stated=stated_sd is not None,
             rms_over_noise=rms_over_noise if stated_sd else 1.0,
             autocorrelation_time=autocorrelation_time,
             correlation_time=compute_correlation_time(autocorrelation_time, case.recording, measured[:n]),
@@ -118,7 +118,7 @@ def add_whitening(case: Case, dataset: Dataset) -> Dataset:
     rows = dataset.rows
     weights = [np.asarray(w)[: case.recording.n] for w in (rows.force_weight, rows.diameter_weight)]
     informative_rows = [np.flatnonzero(w > 0) for w in weights]
-    white = Ar1Noise(np.ones(case.recording.n), 1.0, 0.0, stated=True)
+    white = Ar1Noise(np.ones(case.recording.n), 1.0, 0.0, is_stated=True)
     noise = NoiseModel(
         tuple(white if r.size else None for r in informative_rows),
         tuple(informative_rows),
@@ -185,7 +185,7 @@ def _describe_noise(
     )
     return ChannelNoise(
         sd=float(np.sqrt(np.mean(channel.sd[rows] ** 2))),
-        stated=channel.stated,
+        is_stated=channel.is_stated,
         rms_over_noise=math.sqrt(mean_square),
         autocorrelation_time=autocorrelation_time,
         correlation_time=compute_correlation_time(

@@ -37,7 +37,7 @@ class Ar1Noise:
         sd: (n,) effective standard deviation of each sample, SI.
         ar1_fraction: A, the autocorrelated fraction of the variance.
         correlation: ρ, lag-one correlation of that fraction.
-        stated: whether muscle.toml states the sensor's noise.
+        is_stated: whether muscle.toml states the sensor's noise.
         degrees_of_freedom: degrees of freedom of the variance; infinite if it is stated.
         rho_from_differences: ρ from differences of neighbours, also where it is not significant.
         unknown_sensor: posterior of variance and correlation for a sensor without stated noise.
@@ -46,7 +46,7 @@ class Ar1Noise:
     sd: np.ndarray
     ar1_fraction: float
     correlation: float
-    stated: bool
+    is_stated: bool
     degrees_of_freedom: float = math.inf
     rho_from_differences: float = 0.0
     unknown_sensor: UnknownSensorNoise | None = None

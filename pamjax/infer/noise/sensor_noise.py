@@ -36,7 +36,7 @@ class ChannelNoise:
     Attributes:
         sd: effective sd of a sample, SI: of its sensor, with the propagated noise of pressure and length.
             Without a stated sensor, from neighbouring samples, or the rms residual.
-        stated: whether muscle.toml states the sensor's noise.
+        is_stated: whether muscle.toml states the sensor's noise.
         rms_over_noise: residual rms / `sd`; above one, the model lacks a mechanism.
         autocorrelation_time: integrated autocorrelation time, samples.
         correlation_time: time constant of an exponential autocorrelation with this integrated time, s.
@@ -45,7 +45,7 @@ class ChannelNoise:
     """
 
     sd: float
-    stated: bool
+    is_stated: bool
     rms_over_noise: float
     autocorrelation_time: float
     correlation_time: float
@@ -55,7 +55,7 @@ class ChannelNoise:
     @property
     def is_known(self) -> bool:
         """Return whether the noise is stated or from neighbouring samples, so that it excludes a misfit."""
-        return self.stated or self.neighbour_sd is not None
+        return self.is_stated or self.neighbour_sd is not None
 
 
 @compile_on_call

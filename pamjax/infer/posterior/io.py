@@ -97,7 +97,7 @@ def _build_attributes(post: Posterior) -> dict[str, Any]:
         "beliefs": json.dumps(post.priors),
         "blocks": json.dumps(
             {
-                case_fit.case.name: case_fit.held_out.kind if case_fit.held_out else ""
+                case_fit.case.name: case_fit.held_out_score.kind if case_fit.held_out_score else ""
                 for case_fit in post.fit.cases
             }
         ),

@@ -104,7 +104,7 @@ def _(fit: Fit) -> dict[str, PlotFunction]:
         prefix = "" if len(fit.cases) == 1 else f"{case_fit.case.name}-"
         functions[f"{prefix}prediction"] = partial(plot_prediction, case_fit)
         functions[f"{prefix}residual"] = partial(plot_residual, case_fit)
-        if case_fit.held_out is not None:
+        if case_fit.held_out_score is not None:
             functions[f"{prefix}held-out"] = partial(plot_held_out, case_fit)
     if select_with_prior(fit):
         functions["prior"] = partial(plot_prior, fit)

@@ -243,14 +243,14 @@ def plot_held_out(case_fit: CaseFit, narrow: bool = False) -> Figure:
     Raises:
         BadInput: if no block was held out.
     """
-    if case_fit.held_out is None:
+    if case_fit.held_out_score is None:
         raise BadInput.from_rule(
             "this figure needs held-out blocks",
             "one block",
             case_fit.case.name,
             "Record at another pressure or length.",
         )
-    channels = list(case_fit.held_out.rmse)
+    channels = list(case_fit.held_out_score.rmse)
     block_names = _order_blocks(case_fit)
     with apply_theme():
         height = 1.4 + 0.16 * min(max(len(block_names), 6), _MAX_NAMED_BLOCKS)
@@ -272,11 +272,11 @@ def plot_held_out(case_fit: CaseFit, narrow: bool = False) -> Figure:
 
 def _order_blocks(case_fit: CaseFit) -> list[str]:
     """Return the blocks with a measured row, sorted by level if they have one, else by time."""
-    assert case_fit.held_out is not None
+    assert case_fit.held_out_score is not None
     recording, label = case_fit.case.recording, np.array(case_fit.block)
     is_measured = np.isfinite(recording.force) | np.isfinite(recording.diameter)
     names = [name for name in dict.fromkeys(case_fit.block) if name and is_measured[label == name].any()]
-    channel = {"isobars": recording.pressure, "lengths": recording.length}.get(case_fit.held_out.kind)
+    channel = {"isobars": recording.pressure, "lengths": recording.length}.get(case_fit.held_out_score.kind)
     if channel is None:
         return names
     return sorted(names, key=lambda name: float(np.median(channel[label == name])))
@@ -305,10 +305,10 @@ def _plot_blocks(panel: Axes, case_fit: CaseFit, channel: str, block_names: list
 
 def _format_generalisation(case_fit: CaseFit, channel: str) -> str:
     """Return the title: the held-out error of a channel relative to its error in the fit."""
-    assert case_fit.held_out is not None
-    fitted_rmse, held_out_rmse = case_fit.rmse[channel], case_fit.held_out.rmse[channel]
+    assert case_fit.held_out_score is not None
+    fitted_rmse, held_out_rmse = case_fit.rmse[channel], case_fit.held_out_score.rmse[channel]
     head = (
-        f"Held-out {case_fit.held_out.kind}: RMS error of {channel}"
+        f"Held-out {case_fit.held_out_score.kind}: RMS error of {channel}"
         f" {format_channel_value(held_out_rmse, channel)},\n"
     )
     percent_more = 100 * (held_out_rmse / fitted_rmse - 1) if fitted_rmse > 0 else math.inf
@@ -335,6 +335,6 @@ def save_fit_figures(fit: Fit, folder: Path) -> list[Path]:
         prefix = "" if len(fit.cases) == 1 else f"{case_fit.case.name}-"
         paths.append(save_png(plot_prediction(case_fit), folder / f"{prefix}prediction"))
         paths.append(save_png(plot_residual(case_fit), folder / f"{prefix}residual"))
-        if case_fit.held_out is not None:
+        if case_fit.held_out_score is not None:
             paths.append(save_png(plot_held_out(case_fit), folder / f"{prefix}held-out"))
     return paths

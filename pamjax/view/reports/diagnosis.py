@@ -243,7 +243,7 @@ def _list_assumptions(diagnosis: Diagnosis) -> Iterator[str]:
             if channel_noise.correlation
             else ""
         )
-        if channel_noise.stated:
+        if channel_noise.is_stated:
             sd = noise["sd"] * compute_si_factor(DISPLAY_UNIT[channel])
             yield f"{format_noise(case, channel, sd)}.{correlation_text}"
             continue

@@ -137,20 +137,20 @@ def format_agreement(fit: Fit) -> str:
     sentence = f"The RMS error of the fit is {errors}."
     if len(fit.cases) > 1:
         sentence = f"{case_fit.case.name}, the worst of {len(fit.cases)} fits, has an RMS error of {errors}."
-    if case_fit.held_out is None or not case_fit.held_out.rmse:
+    if case_fit.held_out_score is None or not case_fit.held_out_score.rmse:
         return f"{sentence} No block could be held out."
     held_out_errors = join_words(
         [
             f"{format_channel_value(rmse, channel)} for {channel}"
-            for channel, rmse in case_fit.held_out.rmse.items()
+            for channel, rmse in case_fit.held_out_score.rmse.items()
         ]
     )
-    return f"{sentence} The RMS error of held-out {case_fit.held_out.kind} is {held_out_errors}."
+    return f"{sentence} The RMS error of held-out {case_fit.held_out_score.kind} is {held_out_errors}."
 
 
 def _format_with_noise(case_fit: CaseFit, channel: str) -> str:
     """Return a channel's RMS error and noise."""
-    noise_name = "noise" if case_fit.noise[channel].stated else "estimated noise"
+    noise_name = "noise" if case_fit.noise[channel].is_stated else "estimated noise"
     return (
         f"{format_channel_value(case_fit.rmse[channel], channel)} for {channel} ({noise_name}"
         f" {format_channel_value(case_fit.noise[channel].sd, channel)})"
@@ -197,7 +197,7 @@ def _describe_case(fit: Fit, case_fit: CaseFit, k: int) -> dict[str, Any]:
         "prediction": draw_picture(partial(figures.plot_prediction, case_fit), f"prediction-{k}"),
         "residual": draw_picture(partial(figures.plot_residual, case_fit), f"residual-{k}"),
         "held_out": draw_picture(partial(figures.plot_held_out, case_fit), f"held-out-{k}")
-        if case_fit.held_out
+        if case_fit.held_out_score
         else None,
         "scores": [_build_score_row(case_fit, channel) for channel in case_fit.rmse],
         "form_errors": [capitalise_sentence(line) for line in format_form_errors(case_fit)],
@@ -242,7 +242,9 @@ def _format_sentence(line: str, case_name: str = "") -> str:
 
 def _build_score_row(case_fit: CaseFit, channel: str) -> list[str]:
     noise = case_fit.noise[channel]
-    held_out_rmse = case_fit.held_out.rmse.get(channel, math.nan) if case_fit.held_out else math.nan
+    held_out_rmse = (
+        case_fit.held_out_score.rmse.get(channel, math.nan) if case_fit.held_out_score else math.nan
+    )
     return [
         channel,
         format_channel_value(case_fit.rmse[channel], channel),
@@ -255,8 +257,8 @@ def _build_score_row(case_fit: CaseFit, channel: str) -> list[str]:
 def _format_noise_source(case_fit: CaseFit, channel: str) -> str:
     """Return the source of a channel's noise. The stated value excludes noise of pressure and length."""
     stated = getattr(case_fit.case.muscle_toml.sensors, channel)
-    if not case_fit.noise[channel].stated or stated is None:
-        return "stated" if case_fit.noise[channel].stated else "estimated"
+    if not case_fit.noise[channel].is_stated or stated is None:
+        return "stated" if case_fit.noise[channel].is_stated else "estimated"
     return (
         "stated"
         if is_stated_noise(case_fit.noise[channel].sd, stated)
@@ -274,7 +276,7 @@ def _list_assumptions(fit: Fit) -> Iterator[str]:
         if fit.mechanisms:
             yield _format_sentence(format_history(case_fit.case), name)
         yield from (_format_sentence(line, name) for line in format_case_notes(case_fit))
-        stated = [channel for channel in case_fit.rmse if case_fit.noise[channel].stated]
+        stated = [channel for channel in case_fit.rmse if case_fit.noise[channel].is_stated]
         yield from (
             _format_sentence(
                 format_noise(case_fit.case, stated_channel, case_fit.noise[stated_channel].sd), name

@@ -79,13 +79,15 @@ def test_masked_rows_have_no_effect(problem):
 def test_score_uses_held_out_predictions():
     fitted = fit(made(), starts=1, fold_count=2)
     (case_fit,) = fitted.cases
-    for channel, value in case_fit.held_out.rmse.items():
+    for channel, value in case_fit.held_out_score.rmse.items():
         off = getattr(case_fit.case.recording, channel) - case_fit.held_out_prediction[channel]
         assert value == pytest.approx(np.sqrt(np.nanmean(off**2)))
         # The model simulated the data: the error on a held-out isobar is almost the noise.
         assert 0.95 * case_fit.rmse[channel] < value < 1.3 * case_fit.rmse[channel]
-    assert case_fit.held_out.kind == "isobars"
-    assert sorted(name for fold in case_fit.held_out.folds for name in fold) == sorted(set(case_fit.block))
+    assert case_fit.held_out_score.kind == "isobars"
+    assert sorted(name for fold in case_fit.held_out_score.folds for name in fold) == sorted(
+        set(case_fit.block)
+    )
 
 
 def test_single_block_is_not_held_out(problem):

@@ -78,7 +78,7 @@ def test_interval_contains_the_truth_only_with_a_form_error():
 
 @pytest.mark.slow
 def test_form_error_reduces_the_held_out_error():
-    errors = [fit_case(0.3, form_error).cases[0].held_out.rmse["force"] for form_error in (False, True)]
+    errors = [fit_case(0.3, form_error).cases[0].held_out_score.rmse["force"] for form_error in (False, True)]
     # The noise has a standard deviation of 2 N.
     assert errors[1] < 3.0 < 15.0 < errors[0]
 

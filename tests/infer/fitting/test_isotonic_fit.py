@@ -112,8 +112,8 @@ def test_errors_and_noise_are_lengths(fitted):
     assert set(case_fit.rmse) == set(case_fit.noise) == {"length"}
     assert case_fit.rmse["length"] == pytest.approx(LENGTH_SD, rel=0.15)
     assert case_fit.noise["length"].sd == pytest.approx(LENGTH_SD, rel=0.01)
-    assert case_fit.held_out is not None
-    assert case_fit.held_out.rmse["length"] == pytest.approx(LENGTH_SD, rel=0.2)
+    assert case_fit.held_out_score is not None
+    assert case_fit.held_out_score.rmse["length"] == pytest.approx(LENGTH_SD, rel=0.2)
     assert "force is set and length is measured: an error of 0.0" in str(fitted)
     assert "length" in build_fit_document(fitted)["cases"]["free"]["rmse"]
     dataset = build_xarray_dataset(case_fit)

@@ -62,7 +62,7 @@ def test_noise_is_that_of_neighbours_and_not_the_misfit():
     quiet = fit(made(sensors=sensors), **QUICK).cases[0].noise["force"]
     fitted = fit(with_misfit(made(sensors=sensors)), **QUICK)
     noise = fitted.cases[0].noise["force"]
-    assert not noise.stated
+    assert not noise.is_stated
     assert noise.sd == pytest.approx(quiet.sd, rel=0.25)
     assert noise.rms_over_noise > 3
     note = str(fitted)

@@ -17,7 +17,7 @@ OWNERS = ("a", "a", "b")
 
 def build_noise(rho=0.6):
     """Return correlated noise of a force channel, in two runs."""
-    channel = Ar1Noise(np.full(N, 2.0), 0.8, rho, stated=True)
+    channel = Ar1Noise(np.full(N, 2.0), 0.8, rho, is_stated=True)
     rows, runs = np.arange(N), np.array([[0, 25], [25, N]])
     return NoiseModel((channel, None), (rows, np.zeros(0, int)), (runs, np.zeros((0, 2), int)))
 

@@ -137,7 +137,7 @@ def test_noise_of_an_unstated_sensor_is_estimated():
     )
     stated = fit(made(), starts=1, fold_count=2)
     for channel, noise in unstated.cases[0].noise.items():
-        assert not noise.stated
+        assert not noise.is_stated
         assert noise.sd == pytest.approx(stated.cases[0].noise[channel].sd, rel=0.2)
 
 

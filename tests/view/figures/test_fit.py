@@ -57,7 +57,7 @@ def made_up_fit(pressure, length, time=None, channels=("force", "diameter"), mis
         noise={
             c: ChannelNoise(SD[c], given, rmse[c] / SD[c] if given else 1.0, 1.0, 0.0, n) for c in channels
         },
-        held_out=HeldOutScore(blocks.kind, (), {c: 1.5 * rmse[c] for c in channels}),
+        held_out_score=HeldOutScore(blocks.kind, (), {c: 1.5 * rmse[c] for c in channels}),
         failed_rows={},
     )
 
@@ -219,7 +219,7 @@ def test_each_block_has_a_training_and_a_held_out_score():
 
 def test_fit_without_held_out_blocks_is_refused():
     case_fit = table()
-    object.__setattr__(case_fit, "held_out", None)
+    object.__setattr__(case_fit, "held_out_score", None)
     with pytest.raises(BadInput, match="needs held-out blocks; got one block in bench"):
         plot_held_out(case_fit)
 
