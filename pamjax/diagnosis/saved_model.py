@@ -35,9 +35,9 @@ def build_model_document(problem: LibraryProblem, fit: ModelFit) -> dict[str, An
         law, ids = "elastic", [id for id in ids if id != "braid_elasticity"]
         numbers["thread.stiffness"] = 1 / max(numbers.pop(COMPLIANCE_PARAMETER), 1e-12)
         numbers.pop("thread.modulus", None)
-    good = recording.usable
-    ends = {
-        name: {"low": float(np.min(values[good])), "high": float(np.max(values[good]))}
+    usable = recording.usable
+    ranges = {
+        name: {"low": float(np.min(values[usable])), "high": float(np.max(values[usable]))}
         for name, values in (("pressure", recording.pressure), ("length", recording.length))
     }
     return {
@@ -47,7 +47,7 @@ def build_model_document(problem: LibraryProblem, fit: ModelFit) -> dict[str, An
         "cases": {
             case.name: {
                 "checksum": case.checksum,
-                "calibrated": ends,
+                "calibrated": ranges,
                 "memory": {"gaps": case.gaps, "before": case.before},
                 "muscle": {"law": law, "mechanisms": ids, "numbers": numbers},
                 "muscle_toml": problem.case.text,

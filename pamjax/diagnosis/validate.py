@@ -92,10 +92,10 @@ class Validation(NotebookText):
             unit, noise = DISPLAY_UNIT[channel], to_display(channel, self.noise[channel])
             rmse = to_display(channel, rmse)
             lines.append(f"  {channel}: rmse {rmse:.3g} {unit}, noise {noise:.3g} {unit}")
-        good = [block.name for block in self.blocks if self.fits_block(block)]
-        count = f"{len(good)} of {len(self.blocks)} blocks"
+        fitted_names = [block.name for block in self.blocks if self.fits_block(block)]
+        count = f"{len(fitted_names)} of {len(self.blocks)} blocks"
         head = f"  {count} are predicted to {_MAX_RMSE_NOISE_RATIO} times the noise"
-        lines.append(head + (f": {', '.join(good)}" if good else ""))
+        lines.append(head + (f": {', '.join(fitted_names)}" if fitted_names else ""))
         missed_blocks = [
             f"{block.name} ({block.worst_misfit})" for block in self.blocks if not self.fits_block(block)
         ]
@@ -158,10 +158,10 @@ def validate(
         raise BadInput.from_rule(rule, got, case.name, "Diagnose this recording: it tests held-out blocks.")
     case = average_fixed_lengths(case)
     recording = case.recording
-    good = recording.usable
+    usable = recording.usable
     rest_length = case.muscle_toml.rest_length.value
-    pressure = np.where(good, recording.pressure, 0.0)
-    length = np.where(good, recording.length, rest_length)
+    pressure = np.where(usable, recording.pressure, 0.0)
+    length = np.where(usable, recording.length, rest_length)
     reading = _predict_reading(model, case, pressure, length)
     sensors = case.muscle_toml.sensors
     # Readings with pressure or length changed by one sd give the effect of their noise.
@@ -184,7 +184,7 @@ def validate(
             noise[channel] = np.where(
                 compared_rows, np.sqrt(sd**2 + sum(x**2 for x in input_noise_changes)), np.nan
             )
-    is_failed = good & (np.asarray(reading.status) != Status.OK)
+    is_failed = usable & (np.asarray(reading.status) != Status.OK)
     return Validation(
         case=case.name,
         rmse={c: compute_rms(v) for c, v in misfit.items()},
@@ -197,7 +197,9 @@ def validate(
             for k, name in enumerate(recording_blocks.names)
         ),
         failed_rows=int(np.count_nonzero(is_failed)),
-        extrapolations=tuple(_describe_extrapolation(model.calibrated_range, pressure[good], length[good])),
+        extrapolations=tuple(
+            _describe_extrapolation(model.calibrated_range, pressure[usable], length[usable])
+        ),
         is_training_recording=case.checksum in training_checksums
         or (bool(model.calibrated_range) and case.checksum == model.checksum),
     )

@@ -52,19 +52,19 @@ def cross_validate_selection(
         problem, blocks, training_mask, add_form_errors(problem, selection.model)
     )
     fractions = cross_validation.predicted_fraction_by_mechanism
-    weighted = [replace(m, probability=m.probability * fractions[m.id]) for m in selection.named_mechanisms]
-    remaining = [m for m in weighted if m.probability >= problem.settings.established_probability]
+    reweighted = [replace(m, probability=m.probability * fractions[m.id]) for m in selection.named_mechanisms]
+    remaining = [m for m in reweighted if m.probability >= problem.settings.established_probability]
     return (
         restrict_selection(problem, training_mask, selection, remaining),
         not cross_validation.fails_out_of_sample,
     )
 
 
-def format_dropped_mechanisms(selected: Selection, confirmed: Selection) -> list[str]:
+def format_dropped_mechanisms(selection: Selection, confirmed_selection: Selection) -> list[str]:
     """Return a note on the mechanisms that cross-validation dropped, if there are any."""
-    named_ids = {mechanism.id for mechanism in confirmed.named_mechanisms}
+    named_ids = {mechanism.id for mechanism in confirmed_selection.named_mechanisms}
     dropped_ids = [
-        f"`{mechanism.id}`" for mechanism in selected.named_mechanisms if mechanism.id not in named_ids
+        f"`{mechanism.id}`" for mechanism in selection.named_mechanisms if mechanism.id not in named_ids
     ]
     if not dropped_ids:
         return []

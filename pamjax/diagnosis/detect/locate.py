@@ -83,7 +83,7 @@ def locate_residual(problem: LibraryProblem, fit: ModelFit) -> list[Box]:
         weight[measured_rows] = np.where(square - 1 > np.sqrt(2 / settings.smoothing_rows), square - 1, 0.0)
         excess.append(np.nansum(weight))
         boxes.append((c, weight))
-    kept = [
+    reported = [
         b
         for b, e in zip(boxes, excess, strict=True)
         if e > settings.min_channel_excess_share * max(excess, default=0.0)
@@ -92,7 +92,7 @@ def locate_residual(problem: LibraryProblem, fit: ModelFit) -> list[Box]:
         problem,
         fit,
         residual,
-        [_build_box(problem, fit, axes, c, weight, residual[c], reference) for c, weight in kept],
+        [_build_box(problem, fit, axes, c, weight, residual[c], reference) for c, weight in reported],
     )
 
 

@@ -114,12 +114,14 @@ class _ResidualAtLimits:
             self.at_limit_rows, self.residual, *self.at_limit_distances
         )[1]
 
-    def fit_amplitudes(self, free: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return the best amplitudes within their limits and the reduction of χ²."""
-        rows = np.concatenate([free, self.at_limit_rows])
+    def fit_amplitudes(
+        self, directions: np.ndarray, low: np.ndarray, high: np.ndarray
+    ) -> tuple[np.ndarray, float]:
+        """Return the best amplitudes of some directions within their limits, and the reduction of χ²."""
+        rows = np.concatenate([directions, self.at_limit_rows])
         limits = (np.concatenate(pair) for pair in zip((low, high), self.at_limit_distances, strict=True))
         amplitudes, chi2_reduction = _fit_bounded_amplitudes(rows, self.residual, *limits)
-        return amplitudes[: len(free)], chi2_reduction - self.chi2_reduction_at_limits
+        return amplitudes[: len(directions)], chi2_reduction - self.chi2_reduction_at_limits
 
 
 def compute_score_directions(
@@ -214,31 +216,33 @@ def _build_score_direction(
         problem.high[indices] - estimate.values[indices],
     )
     jacobian = np.nan_to_num(noise.whiten(jacobian))
-    free = projection.remove_from(jacobian)
-    free_at_limits = free if residual.projection is projection else residual.projection.remove_from(jacobian)
-    amplitudes, chi2_reduction = residual.fit_amplitudes(free_at_limits, low, high)
-    norm = np.linalg.norm(free, axis=1)
+    directions = projection.remove_from(jacobian)
+    directions_at_limits = (
+        directions if residual.projection is projection else residual.projection.remove_from(jacobian)
+    )
+    amplitudes, chi2_reduction = residual.fit_amplitudes(directions_at_limits, low, high)
+    norm = np.linalg.norm(directions, axis=1)
     norm = np.where(norm > 0, norm, 1.0)
-    return ScoreDirection(candidate, chi2_reduction, amplitudes, free / norm[:, None], low < 0, norm)
+    return ScoreDirection(candidate, chi2_reduction, amplitudes, directions / norm[:, None], low < 0, norm)
 
 
 def _fit_bounded_amplitudes(
-    free: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray
+    directions: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, float]:
     """Return the least-squares amplitudes within their limits and the reduction of χ².
 
     Without limits, a candidate with a weak effect could explain any misfit by an impossible amplitude.
     """
-    amplitudes, norm = np.zeros(len(free)), np.linalg.norm(free, axis=1)
+    amplitudes, norm = np.zeros(len(directions)), np.linalg.norm(directions, axis=1)
     is_usable = (norm > 1e-12) & (high > low)
     if not is_usable.any():
         return amplitudes, 0.0
     # Unit columns: amplitudes in newtons and pascals differ by many orders of magnitude.
     norm = norm[is_usable]
-    axes, across = np.linalg.qr((free[is_usable] / norm[:, None]).T)
+    orthonormal, triangle = np.linalg.qr((directions[is_usable] / norm[:, None]).T)
     solution = lsq_linear(
-        across, axes.T @ residual, (low[is_usable] * norm, high[is_usable] * norm), method="bvls"
+        triangle, orthonormal.T @ residual, (low[is_usable] * norm, high[is_usable] * norm), method="bvls"
     )
     amplitudes[is_usable] = solution.x / norm
-    remaining = residual - amplitudes @ free
+    remaining = residual - amplitudes @ directions
     return amplitudes, float(residual @ residual - remaining @ remaining)

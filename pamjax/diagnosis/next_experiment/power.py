@@ -40,8 +40,8 @@ class LinearisedModel:
         """Return χ² of whitened differences, (…, m), after a refit."""
         total = self.information + self.jacobian @ self.jacobian.T
         inverse, unit = invert_to_unit_diagonal(total)
-        pull = differences @ (self.jacobian / unit[:, None]).T
-        return np.sum(differences**2, axis=-1) - np.sum((pull @ inverse) * pull, axis=-1)
+        projections = differences @ (self.jacobian / unit[:, None]).T
+        return np.sum(differences**2, axis=-1) - np.sum((projections @ inverse) * projections, axis=-1)
 
     def sample_predictions(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Return changes of the prediction by draws of the parameters from their uncertainty, (count, m)."""

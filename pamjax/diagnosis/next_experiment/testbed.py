@@ -145,21 +145,21 @@ def _read_clock(recording: Recording) -> tuple[float, float, float]:
 def _estimate_rig_limits(
     recording: Recording, case: Case, sensor_sd, step: float, duration: float
 ) -> RigLimits:
-    good = recording.usable
+    usable = recording.usable
     rest_length, sensors = case.muscle_toml.rest_length.value, case.muscle_toml.sensors
-    length = recording.length[good]
+    length = recording.length[usable]
     speed = np.abs(np.diff(length)) / step
     moving = speed[speed > 0.2 * np.max(speed, initial=0.0)]
     strokes = moving.size > 0.2 * speed.size
     return RigLimits(
         rest_length=rest_length,
-        max_pressure=float(np.max(recording.pressure[good])),
+        max_pressure=float(np.max(recording.pressure[usable])),
         max_contraction=float(max(1 - np.min(length) / rest_length, 0.05)),
         speed=float(np.median(moving)) if strokes else 1e-3,
         step=step,
         force_noise=sensor_sd[0],
         diameter_noise=sensor_sd[1],
-        pressure_noise=sensors.pressure or 1e-3 * float(np.max(recording.pressure[good])),
+        pressure_noise=sensors.pressure or 1e-3 * float(np.max(recording.pressure[usable])),
         length_noise=sensors.length or 2e-5,
         max_force=float(np.nanmax(recording.force, initial=10.0)),
         has_camera=bool(np.isfinite(recording.diameter).any()),

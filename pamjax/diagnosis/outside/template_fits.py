@@ -1,4 +1,4 @@
-"""Templates that explain a recording better than the selected mechanisms.
+"""Fits with a template, which compete with the fit of the selected mechanisms.
 
 Several mechanisms together can imitate an effect outside the library, as a stop or a step of the force zero.
 Such an effect is a template of known shape and unknown size. Each mechanism of a set, and all of them, are
@@ -167,9 +167,10 @@ def compute_explained_chi2(fit: ModelFit, templates: Sequence[Template]) -> np.n
     explained = np.full(len(templates), -np.inf)
     for k, template in enumerate(templates):
         columns = np.nan_to_num(fit.noise.whiten(template.columns))
-        own, across = columns @ columns.T, (columns @ jacobian) / unit
-        free = own - across @ covariance @ across.T
-        if np.all(np.diag(own) > 0) and np.all(np.diag(free) > _MIN_FREE_SHARE * np.diag(own)):
-            along = columns @ fit.estimate.residual
-            explained[k] = along @ np.linalg.lstsq(free, along, rcond=1e-9)[0]
+        gram, cross_gram = columns @ columns.T, (columns @ jacobian) / unit
+        # The part of the columns that the parameters do not absorb.
+        remaining_gram = gram - cross_gram @ covariance @ cross_gram.T
+        if np.all(np.diag(gram) > 0) and np.all(np.diag(remaining_gram) > _MIN_FREE_SHARE * np.diag(gram)):
+            projection = columns @ fit.estimate.residual
+            explained[k] = projection @ np.linalg.lstsq(remaining_gram, projection, rcond=1e-9)[0]
     return explained

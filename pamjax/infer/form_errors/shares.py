@@ -60,8 +60,8 @@ class FormCost:
             np.concatenate([self.parameter_precision, 1 / sizes**2])
         )
         scaled_matrix, unit = scale_to_unit_diagonal(matrix)
-        along = self.projection[rows] / unit
-        explained = along @ np.linalg.lstsq(scaled_matrix, along, rcond=1e-12)[0]
+        projection = self.projection[rows] / unit
+        explained = projection @ np.linalg.lstsq(scaled_matrix, projection, rcond=1e-12)[0]
         inflation = np.eye(used.size) + np.outer(sizes, sizes) * self.gram[np.ix_(form_rows, form_rows)]
         return float(np.linalg.slogdet(inflation)[1] - explained)
 

@@ -67,7 +67,7 @@ def estimate_noise_model(
     case: Case,
     residual: np.ndarray,
     measured: np.ndarray,
-    rows_in_use: np.ndarray,
+    training_mask: np.ndarray,
     variances: tuple[np.ndarray, np.ndarray],
     *,
     tables: Sequence[TableVariance | None] = (None,) * len(CHANNELS),
@@ -81,7 +81,7 @@ def estimate_noise_model(
         case: the recording and its muscle.toml.
         residual: (2, n) measured − model of force and diameter, SI.
         measured: (2, n) whether a sample is measured.
-        rows_in_use: (n,) whether a row is in use.
+        training_mask: (n,) whether a row is used in the fit.
         variances: of sensor and propagated noise, see `compute_noise_variances`.
         tables: by channel the variance of a static table, or None.
         input_noise: (draws, 2, n) change of the model by input noise, if it has memory, SI.
@@ -90,7 +90,7 @@ def estimate_noise_model(
     """
     sensor_variance, input_variance = variances
     # A removed row ends a run: the samples before and after it are not neighbours.
-    run_number = np.cumsum(case.recording.is_run_start | np.diff(rows_in_use, prepend=rows_in_use[:1]))
+    run_number = np.cumsum(case.recording.is_run_start | np.diff(training_mask, prepend=training_mask[:1]))
     sensors = case.muscle_toml.sensors
     is_input_noise_unknown = sensors.pressure is None or (
         sensors.length is None and not sensors.length_per_level and not case.recording.measures_length
@@ -98,7 +98,7 @@ def estimate_noise_model(
     channels, rows, runs = [], [], []
     time = case.recording.time
     for c, stated in enumerate(get_stated_sds(case)):
-        channel_rows = np.flatnonzero(measured[c] & rows_in_use)
+        channel_rows = np.flatnonzero(measured[c] & training_mask)
         edges = np.flatnonzero(np.diff(run_number[channel_rows])) + 1
         bounds = np.concatenate([[0], edges, [channel_rows.size]]).astype(int)
         rows.append(channel_rows)

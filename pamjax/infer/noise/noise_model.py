@@ -110,9 +110,9 @@ class NoiseModel:
         return out
 
 
-def _split_runs(kept: np.ndarray, runs: np.ndarray) -> np.ndarray:
+def _split_runs(is_kept: np.ndarray, runs: np.ndarray) -> np.ndarray:
     """Return (k, 2) begin and end of the runs among the kept samples; a removed sample ends a run."""
-    run = np.repeat(np.arange(len(runs)), runs[:, 1] - runs[:, 0])[kept]
-    breaks = (np.diff(run) != 0) | (np.diff(np.flatnonzero(kept)) > 1)
+    run = np.repeat(np.arange(len(runs)), runs[:, 1] - runs[:, 0])[is_kept]
+    breaks = (np.diff(run) != 0) | (np.diff(np.flatnonzero(is_kept)) > 1)
     bounds = np.concatenate([[0], np.flatnonzero(breaks) + 1, [run.size]]).astype(int)
     return np.stack([bounds[:-1], bounds[1:]], axis=1) if run.size else np.zeros((0, 2), int)
