@@ -64,7 +64,7 @@ def _evaluate_pressure(muscle, pressures, lengths, force, length) -> tuple:
     command = solve_pressures(
         muscle, jnp.stack(pressures), jnp.stack(lengths), jnp.stack(force), jnp.stack(length)
     )
-    return _complete(muscle, command, command.value[0], length[0])
+    return _collect_numbers(muscle, command, command.value[0], length[0])
 
 
 @jax.jit
@@ -72,10 +72,10 @@ def _evaluate_length(muscle, pressures, lengths, force, pressure) -> tuple:
     command = solve_lengths(
         muscle, jnp.stack(pressures), jnp.stack(lengths), jnp.stack(force), jnp.stack(pressure)
     )
-    return _complete(muscle, command, pressure[0], command.value[0])
+    return _collect_numbers(muscle, command, pressure[0], command.value[0])
 
 
-def _complete(muscle, command: Command, pressure: Array, length: Array) -> tuple:
+def _collect_numbers(muscle, command: Command, pressure: Array, length: Array) -> tuple:
     """Return the command's fields as a tuple, then the other fields of `CommandNumbers`."""
     has_friction = isinstance(muscle, Bench) and bool(muscle.find_mechanisms(BraidFriction))
     half_loop = compute_half_loop(muscle, pressure, length) if has_friction else jnp.zeros(())

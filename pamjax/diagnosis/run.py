@@ -25,7 +25,7 @@ from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.form_errors.prediction import describe_form_errors, predict_with_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.next_experiment.experiment import Experiment, propose_experiments
-from pamjax.diagnosis.noise.sensor_scale import compute_noise_ratios, format_noise_notes
+from pamjax.diagnosis.noise.noise_ratios import compute_noise_ratios, format_noise_notes
 from pamjax.diagnosis.notes import format_notes
 from pamjax.diagnosis.outside.template_context import build_template_context
 from pamjax.diagnosis.outside.template_fits import list_likenesses

@@ -208,7 +208,7 @@ class PriorInformation:
         """Return runs as a recording without measured values."""
         pressure = np.concatenate([run.pressure for run in runs])
         length = np.concatenate([run.length for run in runs])
-        return build_map_case(self.muscle_toml, pressure, length)
+        return build_placeholder_case(self.muscle_toml, pressure, length)
 
 
 def _remove_length_errors(case: Case) -> Case:
@@ -217,7 +217,7 @@ def _remove_length_errors(case: Case) -> Case:
     return replace(case, muscle_toml=replace(case.muscle_toml, sensors=sensors))
 
 
-def build_map_case(muscle_toml: MuscleToml, pressure: np.ndarray, length: np.ndarray) -> Case:
+def build_placeholder_case(muscle_toml: MuscleToml, pressure: np.ndarray, length: np.ndarray) -> Case:
     """Return pressures and lengths as a case, with a placeholder value of force."""
     force = np.full(pressure.size, 1e3)
     recording = Recording.from_arrays(pressure=pressure, length=length, force=force)

@@ -20,7 +20,7 @@ from pamjax.infer.problem.dataset import build_dataset
 from pamjax.infer.problem.parameter_space import FreeParameter, build_space
 from pamjax.infer.problem.priors import is_length_error, list_free_parameters
 from pamjax.model.parameters import LENGTH_ERROR_PREFIX, find_meaning
-from pamjax.planning.information import PriorInformation, build_map_case
+from pamjax.planning.information import PriorInformation, build_placeholder_case
 from pamjax.planning.rig_capabilities import DEFAULT_CHANNEL_SDS, RigCapabilities
 from pamjax.planning.runs import compute_fixed_lengths
 from pamjax.records.blocks import assign_length_levels
@@ -70,7 +70,7 @@ def list_muscle_parameters(
         BadInput: if the model has no free parameter.
     """
     law = law or muscle_toml.baseline
-    bare_case = case or build_map_case(
+    bare_case = case or build_placeholder_case(
         muscle_toml, np.array([0.0, 1e5]), np.full(2, muscle_toml.rest_length.value)
     )
     build_joint_space([bare_case], law, ())

@@ -62,7 +62,7 @@ class PlannedRun:
 def list_runs(capabilities: RigCapabilities, rest_length: float) -> list[PlannedRun]:
     """Return all runs and checks of a rig with a muscle of this rest length, m."""
     pressures = capabilities.max_pressure * np.arange(1, _PRESSURE_LEVELS + 1) / _PRESSURE_LEVELS
-    contractions = _contractions(capabilities)
+    contractions = _list_contractions(capabilities)
     all_runs = [_build_stroke(capabilities, rest_length, p) for p in pressures]
     all_runs += [_build_ramp(capabilities, rest_length, c) for c in contractions]
     all_runs += [
@@ -73,10 +73,10 @@ def list_runs(capabilities: RigCapabilities, rest_length: float) -> list[Planned
 
 def compute_fixed_lengths(capabilities: RigCapabilities, rest_length: float) -> np.ndarray:
     """Return the fixed lengths of a rig's runs, m."""
-    return rest_length * (1 - _contractions(capabilities))
+    return rest_length * (1 - _list_contractions(capabilities))
 
 
-def _contractions(capabilities: RigCapabilities) -> np.ndarray:
+def _list_contractions(capabilities: RigCapabilities) -> np.ndarray:
     return capabilities.max_contraction * np.arange(_CONTRACTION_LEVELS) / _CONTRACTION_LEVELS
 
 

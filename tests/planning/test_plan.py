@@ -12,7 +12,7 @@ from pamjax.errors import BadInput
 from pamjax.infer.problem.priors import collect_stated_values
 from pamjax.model.assembly import assemble
 from pamjax.model.muscle import predict
-from pamjax.planning.information import build_map_case
+from pamjax.planning.information import build_placeholder_case
 from pamjax.planning.plan import compute_sd_course, plan
 from pamjax.planning.prior_information import build_prior_information
 from pamjax.planning.report import format_isobars
@@ -43,7 +43,9 @@ def test_information_agrees_with_finite_differences_through_the_rig(muscle_toml)
     values, label = known.mean.copy(), np.zeros(3, int)
     rig = [k for k in range(values.size) if k not in known.muscle_indices]
     values[rig] = 0.0  # where the plan's derivatives are taken
-    got = known.compute_information(build_map_case(muscle_toml, pressure, length), label, 1, values)[0]
+    got = known.compute_information(build_placeholder_case(muscle_toml, pressure, length), label, 1, values)[
+        0
+    ]
     fixed = {"muscle.rest_length": 0.2357, "muscle.threads": 144.0, "muscle.thread_area": 0.0858e-6}
 
     def show(k):
@@ -77,7 +79,7 @@ def test_ruler_error_is_shared_by_all_samples_of_a_length(by_ruler):
     length_level, label, shared = np.array([0, 0, 3]), np.zeros(3, int), len(known.free_parameters) - 5
     values = np.where(np.arange(known.mean.size) < len(known.muscle_indices), known.mean, 0.0)
     run_information = known.compute_information(
-        build_map_case(by_ruler, pressure, length), label, 1, values, length_level
+        build_placeholder_case(by_ruler, pressure, length), label, 1, values, length_level
     )[0]
     rulers = run_information[shared:, shared:] + np.eye(5)
     got = run_information[:shared, :shared] - run_information[:shared, shared:] @ np.linalg.solve(

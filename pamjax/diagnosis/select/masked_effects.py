@@ -31,7 +31,9 @@ from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
 def add_masked_effects(search: MechanismSearch, fit: ModelFit) -> ModelFit:
     """Return the model with the mechanisms that form errors of the others mask."""
     while len(fit.mechanisms) < search.settings.max_mechanisms:
-        extended_fits = parallel_map(partial(_extend, search, fit), _remove_form_errors(search, fit))
+        extended_fits = parallel_map(
+            partial(_replace_form_error, search, fit), _remove_form_errors(search, fit)
+        )
         better = [extended_fit for extended_fit in extended_fits if extended_fit is not None]
         if not better:
             break
@@ -61,7 +63,7 @@ def _remove_form_error(search: MechanismSearch, fit: FormErrorFit, id: str) -> M
     return ModelFit(fit.mechanisms, noise, estimate, fit.input_noise_chi2)
 
 
-def _extend(search: MechanismSearch, fit: ModelFit, reduced_fit: ModelFit) -> ModelFit | None:
+def _replace_form_error(search: MechanismSearch, fit: ModelFit, reduced_fit: ModelFit) -> ModelFit | None:
     """Return the fit with the best candidate in the place of a form error; None if it is not better."""
     extended_fit = fit_best_candidate(search, reduced_fit)
     if extended_fit is None or not search.is_worthwhile(reduced_fit, extended_fit, may_be_small=True):

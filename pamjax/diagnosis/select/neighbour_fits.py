@@ -58,7 +58,7 @@ def fit_with_candidate(problem: LibraryProblem, fit: ModelFit, direction: ScoreD
     starts from the stated values.
     """
     starts = [fit.estimate.values]
-    if not fit.mechanisms and _is_strained(problem, fit):
+    if not fit.mechanisms and _is_far_from_priors(problem, fit):
         starts.append(problem.neutral)
     mechanisms = (*fit.mechanisms, direction.candidate)
     free = get_free_indices(problem, mechanisms)
@@ -73,7 +73,7 @@ def fit_with_candidate(problem: LibraryProblem, fit: ModelFit, direction: ScoreD
     )
 
 
-def _is_strained(problem: LibraryProblem, fit: ModelFit) -> bool:
+def _is_far_from_priors(problem: LibraryProblem, fit: ModelFit) -> bool:
     """Return whether a baseline parameter is far from its stated value."""
     stated_indices = np.flatnonzero(problem.is_baseline & np.isfinite(problem.prior_sd))
     return bool(

@@ -19,7 +19,7 @@ from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism, is_red
 from pamjax.diagnosis.select.search import MechanismSearch
 
 
-def remove_redundant(search: MechanismSearch, fit: ModelFit) -> ModelFit:
+def remove_redundant_mechanisms(search: MechanismSearch, fit: ModelFit) -> ModelFit:
     """Return the model without mechanisms that form errors of the others replace."""
     while len(fit.mechanisms) > 1:
         cost = compute_cost(search, fit)

@@ -24,7 +24,7 @@ from pamjax.diagnosis.select.neighbour_fits import (
     refit_fully,
 )
 from pamjax.diagnosis.select.pair_swap import leaves_only_noise, swap_pairs
-from pamjax.diagnosis.select.redundant_mechanisms import remove_redundant
+from pamjax.diagnosis.select.redundant_mechanisms import remove_redundant_mechanisms
 from pamjax.diagnosis.select.search import MechanismSearch, search_mechanisms
 from pamjax.diagnosis.select.small_effects import add_small_effects
 from pamjax.diagnosis.settings import DiagnosisSettings
@@ -112,7 +112,7 @@ def select_mechanisms(
     candidates = build_candidates(problem)
     baseline_directions = compute_score_directions(problem, baseline.noise, baseline.estimate, candidates)
     search = MechanismSearch(problem, training_mask, baseline, candidates, progress)
-    unmasked_fit = remove_redundant(
+    unmasked_fit = remove_redundant_mechanisms(
         search, swap_pairs(search, search_mechanisms(search, baseline_directions))
     )
     fit_without_small_effects = add_masked_effects(search, unmasked_fit)

@@ -134,17 +134,17 @@ def find_undetermined_combinations(
     """
     scaled_information = information * np.outer(scale, scale)
     is_own = np.array([not is_length_error(name) for name in names])
-    eigenvalues, directions = np.linalg.eigh(_marginalise_length_errors(scaled_information, is_own))
+    eigenvalues, eigenvectors = np.linalg.eigh(_marginalise_length_errors(scaled_information, is_own))
     names = [name for name, keep in zip(names, is_own, strict=True) if keep]
     # With relative precision λ of the data, the sd is 1 / sqrt(1 + λ) of the prior sd.
-    weak = 1 / np.sqrt(1 + np.maximum(eigenvalues, 0)) > MAX_SD_RATIO_DETERMINED
+    is_undetermined = 1 / np.sqrt(1 + np.maximum(eigenvalues, 0)) > MAX_SD_RATIO_DETERMINED
     return [
         {
             name: component * size
-            for name, component, size in zip(names, direction, scale[is_own], strict=True)
+            for name, component, size in zip(names, eigenvector, scale[is_own], strict=True)
             if abs(component) > _MIN_NAMED_COMPONENT
         }
-        for direction in directions.T[weak]
+        for eigenvector in eigenvectors.T[is_undetermined]
     ]
 
 

@@ -42,7 +42,7 @@ def build_columns_of_effect(
     ]
     if not columns:
         return np.zeros((0, *effect.shape))
-    return _equalise(np.stack(columns), effect)
+    return _scale_columns(np.stack(columns), effect)
 
 
 def _build_course(effect: np.ndarray, factors: Sequence[np.ndarray]) -> np.ndarray:
@@ -65,7 +65,7 @@ def _remove_parallel(column: np.ndarray, effect: np.ndarray) -> np.ndarray:
     return column - share * effect
 
 
-def _equalise(columns: np.ndarray, effect: np.ndarray) -> np.ndarray:
+def _scale_columns(columns: np.ndarray, effect: np.ndarray) -> np.ndarray:
     """Return columns that together have the rms of the effect; a small column grows by `_MAX_GROWTH`."""
     scale = np.where(np.mean(effect**2, axis=1) > 0, np.mean(effect**2, axis=1), np.inf)
     size = np.sqrt(np.mean(columns**2 / scale[:, None], axis=(1, 2)) * 2 / np.isfinite(scale).sum().clip(1))

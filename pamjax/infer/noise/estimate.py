@@ -51,16 +51,16 @@ def compute_noise_variances(
         predict: both predicted channels of a dataset at these values, (2, n), for an isotonic recording.
     """
     sensors, n = case.muscle_toml.sensors, case.recording.n
-    own_variance = np.square(np.array(estimate_starting_sd(case)))[:, None]
+    sensor_variance = np.square(np.array(estimate_starting_sd(case)))[:, None]
     if case.recording.measures_length:
         predict = predict or (lambda d: predict_row_channels(d, jnp.asarray(values)))
-        return own_variance, compute_isotonic_variance(dataset, sensors, predict)[:, :n]
+        return sensor_variance, compute_isotonic_variance(dataset, sensors, predict)[:, :n]
     by_pressure, by_length = (
         np.asarray(s)[:, :n] for s in compute_sensitivities(dataset, jnp.asarray(values))
     )
     length = 0.0 if sensors.length_per_level else sensors.length or 0.0
     input_variance = ((sensors.pressure or 0.0) * by_pressure) ** 2 + (length * by_length) ** 2
-    return own_variance, np.nan_to_num(input_variance)
+    return sensor_variance, np.nan_to_num(input_variance)
 
 
 def estimate_noise_model(

@@ -72,7 +72,7 @@ def compute_sensitivities(dataset: Dataset, values: Float[Array, " p"]) -> tuple
 
 
 def compute_effective_sd(
-    dataset: Dataset, values: Array, sensors: Sensors, own_sd: tuple[float, float]
+    dataset: Dataset, values: Array, sensors: Sensors, sensor_sds: tuple[float, float]
 ) -> np.ndarray:
     """Return the effective standard deviation of every sample of force and diameter, SI, (2, n).
 
@@ -80,16 +80,16 @@ def compute_effective_sd(
         dataset: the recording.
         values: (p,) parameters, SI.
         sensors: the stated noise.
-        own_sd: standard deviations of the force sensor and of the diameter sensor, SI.
+        sensor_sds: standard deviations of the force sensor and of the diameter sensor, SI.
     """
     if dataset.rows.set_force is not None:
         variance = compute_isotonic_variance(dataset, sensors, lambda d: predict_row_channels(d, values))
-        return np.sqrt(np.asarray(own_sd)[:, None] ** 2 + variance)
+        return np.sqrt(np.asarray(sensor_sds)[:, None] ** 2 + variance)
     by_pressure, by_length = (np.asarray(s) for s in compute_sensitivities(dataset, values))
     pressure = (sensors.pressure or 0.0) * by_pressure
     # An error of a length level is a parameter of the fit, not noise.
     length = (0.0 if sensors.length_per_level else sensors.length or 0.0) * by_length
-    return np.sqrt(np.asarray(own_sd)[:, None] ** 2 + pressure**2 + length**2)
+    return np.sqrt(np.asarray(sensor_sds)[:, None] ** 2 + pressure**2 + length**2)
 
 
 def compute_isotonic_variance(

@@ -98,11 +98,11 @@ def estimate_unknown_noise(statistics: DifferenceStatistics) -> UnknownSensorNoi
         if correlated_probability > 0.5
         else 0.0
     )
-    own_variance, white_variance = (
+    sensor_variance, white_variance = (
         float(np.interp(rho, CORRELATION_GRID, values)) for values in (np.maximum(variance, 1e-36), white)
     )
     return UnknownSensorNoise(
-        (rho, own_variance), white_variance, candidates[order], candidate_probability[order]
+        (rho, sensor_variance), white_variance, candidates[order], candidate_probability[order]
     )
 
 

@@ -153,21 +153,23 @@ def build_noise_parameters(
             continue
         order, position = _order_samples(measured, case.recording.is_run_start)
         neighbours = None if model is None else model.by_channel[k]
-        own_sd = _estimate_own_sd(misfit[k][measured], propagated_sd[k][measured])
+        sensor_sd = _estimate_sensor_sd(misfit[k][measured], propagated_sd[k][measured])
         if neighbours is not None:
             neighbour_sd = math.sqrt(
                 neighbours.ar1_fraction * float(np.mean(neighbours.sd[measured[:n]] ** 2))
             )
             # With a misfit, the posterior's noise includes it: its start is that of the residuals.
-            has_misfit = own_sd**2 > MIN_MISFIT_MEAN_SQUARE * neighbour_sd**2
-            own_sd, neighbours = (own_sd, None) if has_misfit else (neighbour_sd, neighbours)
+            has_misfit = sensor_sd**2 > MIN_MISFIT_MEAN_SQUARE * neighbour_sd**2
+            sensor_sd, neighbours = (sensor_sd, None) if has_misfit else (neighbour_sd, neighbours)
         reference = stated_sd or estimate_starting_sd(case)[k]
         parameters.append(
-            _build_sd_parameter(f"{prefix}noise.{channel}", channel, own_sd, reference, stated_sd is not None)
+            _build_sd_parameter(
+                f"{prefix}noise.{channel}", channel, sensor_sd, reference, stated_sd is not None
+            )
         )
         is_correlated = case.recording.has_time and np.sum(position > 0) >= _MIN_LINKED_SAMPLES
         if is_correlated:
-            s = misfit[k] / np.sqrt(own_sd**2 + propagated_sd[k] ** 2)
+            s = misfit[k] / np.sqrt(sensor_sd**2 + propagated_sd[k] ** 2)
             parameters.append(
                 _build_correlation_parameter(
                     f"{prefix}noise.{channel}_correlation",
@@ -197,20 +199,20 @@ def _order_samples(measured: np.ndarray, is_run_start: np.ndarray) -> tuple[np.n
     return pack_samples(rows, begins, measured.size)
 
 
-def _estimate_own_sd(misfit: np.ndarray, propagated_sd: np.ndarray) -> float:
+def _estimate_sensor_sd(misfit: np.ndarray, propagated_sd: np.ndarray) -> float:
     """Return the sensor's sd: the rms residual less the propagated noise, at least a tenth of the former."""
     square = float(np.mean(misfit**2))
     return float(np.sqrt(max(square - float(np.mean(propagated_sd**2)), 0.01 * square, 1e-30)))
 
 
 def _build_sd_parameter(
-    name: str, channel: str, own_sd: float, reference: float, is_stated: bool
+    name: str, channel: str, sensor_sd: float, reference: float, is_stated: bool
 ) -> FreeParameter:
     low, high = (factor * reference for factor in (_STATED_SD_FACTORS if is_stated else _UNSTATED_SD_FACTORS))
     unit, show = SI_UNIT[channel], DISPLAY_UNIT[channel]
     source = "half to 200 times the stated sd" if is_stated else "1e-4 to 1 of the channel's range"
     meaning = Meaning(unit, show, low, high, "log", f"sd of the noise of {channel}", source)
-    return FreeParameter(name, meaning, float(np.clip(own_sd, 1.05 * low, 0.95 * high)))
+    return FreeParameter(name, meaning, float(np.clip(sensor_sd, 1.05 * low, 0.95 * high)))
 
 
 def _estimate_lag_one(s: np.ndarray, position: np.ndarray) -> float:

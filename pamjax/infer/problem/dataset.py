@@ -86,7 +86,7 @@ class PaddedRows(eqx.Module):
 
 
 class Dataset(eqx.Module):
-    """One case of a fit.
+    """The model of one case in a fit: its parameters, samples and noise weights.
 
     Attributes:
         law: thread law, a key of `THREAD_LAWS`.
@@ -99,6 +99,7 @@ class Dataset(eqx.Module):
         channel_weights: (2,) factor on the residuals of force and of diameter: below one for autocorrelated
             residuals (see `sensor_noise.py`).
         whitening: filter of the residuals; None for independent samples.
+        form_filter: form errors of the mechanisms; None for exact equations.
     """
 
     law: str = eqx.field(static=True)

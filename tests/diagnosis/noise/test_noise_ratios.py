@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.noise.sensor_scale import compute_noise_ratios, format_noise_notes
+from pamjax.diagnosis.noise.noise_ratios import compute_noise_ratios, format_noise_notes
 from tests.diagnosis.bank import replace_readings, simulate_without_noise
 
 #: Force noise, N, in a recording of 438 rows: its ratio is estimated to some 4 %.
