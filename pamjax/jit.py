@@ -29,23 +29,49 @@ def compile_on_call(function: Callable[P, T]) -> Callable[P, T]:
     Like `equinox.filter_jit`, with `list_compiler_options`.
     """
     part = eqx.filter_jit(function)
-    program = cache(
+
+    @cache
+    def build_program(platform: str) -> Callable[P, T]:
         # Equinox passes other options to `jax.jit`, which its types do not say.
-        lambda: eqx.filter_jit(function, compiler_options=list_compiler_options())  # pyright: ignore[reportCallIssue]
-    )
+        return eqx.filter_jit(function, compiler_options=_list_known_options(platform))  # pyright: ignore[reportCallIssue]
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> T:
         # JAX rejects compiler options within another program.
-        return (part if _is_tracing() else program())(*args, **kwargs)
+        program = part if _is_tracing() else build_program(get_default_device().platform)
+        return program(*args, **kwargs)
 
     return call
 
 
-@cache
+def get_default_device() -> jax.Device:  # pyright: ignore[reportInvalidTypeForm]
+    """Return the device on which this thread computes: that of `jax.default_device`, or JAX's first one."""
+    device = jax.config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
+    return device if isinstance(device, jax.Device) else jax.local_devices(backend=device)[0]
+
+
+def keep_default_device(function: Callable[P, T]) -> Callable[P, T]:
+    """Return the function with the default device of this thread, also if another thread calls it."""
+    device = jax.config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
+    if device is None:
+        return function
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+        with jax.default_device(device):
+            return function(*args, **kwargs)
+
+    return call
+
+
 def list_compiler_options() -> dict[str, bool | str]:
     """Return the compiler options that the installed XLA knows; none for devices other than the CPU."""
-    if jax.default_backend() != "cpu":
+    return _list_known_options(get_default_device().platform)
+
+
+@cache
+def _list_known_options(platform: str) -> dict[str, bool | str]:
+    if platform != "cpu":
         return {}
     return {name: value for name, value in COMPILER_OPTIONS.items() if _is_known({name: value})}
 

@@ -29,7 +29,7 @@ from jax.stages import Compiled, Wrapped
 
 import pamjax
 from pamjax.errors import BadInput
-from pamjax.jit import list_compiler_options
+from pamjax.jit import get_default_device, list_compiler_options
 from pamjax.model.registry import ALTERNATIVE_EQUATIONS, MECHANISMS
 from pamjax.records.files import write_atomically
 
@@ -134,7 +134,9 @@ def _locate_program(function: Any, arguments: tuple) -> Path | None:
     owners = (function, *MECHANISMS, *ALTERNATIVE_EQUATIONS)
     is_own = all(owner.__module__.startswith("pamjax.") for owner in owners)
     leaves = jax.tree_util.tree_leaves(arguments)
-    on_cpu = all(device.platform == "cpu" for leaf in leaves for device in leaf.devices())
+    # JAX copies arrays to the device of the program, unless the caller fixed their device.
+    devices = {get_default_device(), *(device for leaf in leaves for device in leaf.devices())}
+    on_cpu = all(device.platform == "cpu" for device in devices)
     if folder is None or not (is_own and on_cpu and _are_sources_unchanged()):
         return None
     shapes = eqx.tree_pformat(arguments, width=10**6)

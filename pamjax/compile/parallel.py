@@ -9,6 +9,8 @@ from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from pamjax.jit import keep_default_device
+
 A = TypeVar("A")
 B = TypeVar("B")
 
@@ -24,6 +26,8 @@ use_one_blas_thread = threadpool_limits.wrap(limits=1, user_api="blas")
 def parallel_map(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
     """Return the function's value for each item, in order, computed on several cores.
 
+    All threads have the default device of the caller.
+
     >>> parallel_map(abs, [-1, 2, -3])
     [1, 2, 3]
     """
@@ -31,7 +35,7 @@ def parallel_map(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
     try:
         # One linear-algebra thread per item: more threads would compete for the cores.
         with threadpool_limits(1, user_api="blas"):
-            return list(pool.map(function, items))
+            return list(pool.map(keep_default_device(function), items))
     finally:
         # After an interruption, only the items that already run are completed.
         pool.shutdown(cancel_futures=True)

@@ -14,6 +14,7 @@ from typing import Any
 import jax
 
 from pamjax.compile.aot_cache import load_or_compile
+from pamjax.jit import get_default_device, keep_default_device
 
 #: Maximum number of concurrent compilations.
 _MAX_CONCURRENT_COMPILATIONS = 2
@@ -31,10 +32,12 @@ def start_compilation(function: Any, *arguments: Any) -> Future:
         arguments: pytrees of arrays.
     """
     leaves, shape = jax.tree_util.tree_flatten(arguments)
-    key = (function, shape, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
+    key = (function, get_default_device(), shape, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
     with _compilations_lock:
         if key not in _compilations:
-            _compilations[key] = _compile_pool.submit(load_or_compile, function, *arguments)
+            _compilations[key] = _compile_pool.submit(
+                keep_default_device(load_or_compile), function, *arguments
+            )
         return _compilations[key]
 
 

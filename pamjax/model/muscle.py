@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from pamjax.errors import BadInput
-from pamjax.jit import compile_on_call
+from pamjax.jit import compile_on_call, get_default_device
 from pamjax.model import braid
 from pamjax.model.balance import BURST_LOAD_SHARE, Status, solve_strain, stretch_linear
 from pamjax.model.bench import Bench
@@ -210,7 +210,7 @@ def predict(
 
 @compile_on_call
 def _predict_batch(muscle: Muscle, *inputs: Float[Array, " n"]) -> MuscleReading:
-    if len(inputs[0]) < 4 * CACHE_BLOCK_STATES or jax.default_backend() != "cpu":
+    if len(inputs[0]) < 4 * CACHE_BLOCK_STATES or get_default_device().platform != "cpu":
         return jax.vmap(muscle)(*inputs)
     # XLA writes intermediate results that two outputs share to memory. Those of one block stay in the cache.
     # `checkpoint` computes them again for derivatives: a gradient takes a third of the time.

@@ -173,3 +173,15 @@ def test_parallel_processes_trace_once(program_folder):
     processes = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
     outputs = sorted(process.communicate(timeout=120)[0].split("\n")[:-1] for process in processes)
     assert outputs == [["[2.0, 2.0, 2.0]"], ["traced", "[2.0, 2.0, 2.0]"]]
+
+
+def test_program_of_another_device_is_not_stored(program_folder, monkeypatch):
+    """Arrays of the CPU, but a program of the GPU: JAX refuses to run a trace of the CPU there."""
+
+    class Gpu:
+        platform = "gpu"
+
+    monkeypatch.setattr(under_test, "get_default_device", Gpu)
+    assert count_traces(build_arguments()) == 1
+    assert count_traces(build_arguments()) == 1
+    assert not program_folder.exists()
