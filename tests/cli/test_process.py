@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from pamjax.cli.process import replace_characters
+from pamjax.cli.process import choose_device, replace_characters
 
 pytestmark = pytest.mark.slow
 
@@ -92,6 +92,22 @@ def test_platform_without_a_device_is_one_line(bench):
         "pamjax: JAX must have a device of the platform in JAX_PLATFORMS; got 'no_such_platform' in the"
         " environment, without such a device. Unset JAX_PLATFORMS, or write JAX_PLATFORMS=cpu.\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("settings", "platforms"),
+    [
+        ({}, "cpu"),
+        ({"JAX_PLATFORMS": "cuda"}, "cuda"),
+        ({"JAX_PLATFORMS": ""}, ""),
+        ({"JAX_PLATFORM_NAME": "cuda"}, None),
+    ],
+)
+def test_command_uses_the_processor_unless_the_user_chose_a_platform(settings, platforms, monkeypatch):
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX_PLATFORM")}
+    monkeypatch.setattr(os, "environ", environment | settings)
+    choose_device()
+    assert os.environ.get("JAX_PLATFORMS") == platforms
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals")

@@ -1,6 +1,7 @@
 """Connections: missing packages, memory sizes, and clusters that do not fit."""
 
 import importlib.util
+import os
 import re
 
 import pytest
@@ -55,3 +56,15 @@ def test_scheduler_that_does_not_answer_is_refused(tmp_path, monkeypatch):
             connect.connect_to_scheduler(address, tmp_path),
         ):
             pass
+
+
+@pytest.mark.slow
+def test_workers_use_the_processor_unless_the_user_chose_a_platform(monkeypatch):
+    pytest.importorskip("distributed", reason="needs the extra pamjax[fleet]")
+    for variable in ("JAX_PLATFORMS", "JAX_PLATFORM_NAME"):
+        monkeypatch.delenv(variable, raising=False)
+    with connect.start_cluster(workers=1) as client:
+        assert list(client.run(os.getenv, "JAX_PLATFORMS").values()) == ["cpu"]
+    monkeypatch.setenv("JAX_PLATFORMS", "cuda")
+    with connect.start_cluster(workers=1) as client:
+        assert list(client.run(os.getenv, "JAX_PLATFORMS").values()) == ["cuda"]
