@@ -39,19 +39,20 @@ def arguments(words: Sequence[str] | None = None) -> tuple[list[str], Path | Non
     return left[:k] + left[k + 2 :], Path(left[k + 1])
 
 
-def keep(file: Path | None, figures: Mapping[str, Any]) -> None:
+def keep(file: Path | None, figures: Mapping[str, Any], gpu: str = "") -> None:
     """Write the figures of a benchmark to a file, with command, date, machine and versions.
 
     Args:
         file: file to write; nothing is written if None.
         figures: values, or (value, low, high), by label with the unit in brackets.
+        gpu: name of the GPU, if the benchmark used one.
     """
     if file is None:
         return
     about = {
         "command": command(),
         "date": datetime.now(UTC).date().isoformat(),
-        "machine": machine(),
+        "machine": machine() | ({"GPU": gpu} if gpu else {}),
         "versions": versions(),
     }
     rounded = {name: _rounded(value) for name, value in figures.items()}
