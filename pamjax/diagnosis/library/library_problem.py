@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import equinox as eqx
 import jax
@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from pamjax.compile import programs
+from pamjax.diagnosis.library.evaluation_cache import EvaluationCache
 from pamjax.diagnosis.library.library_parameters import LibraryParameters, collect_library_parameters
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.errors import BadInput
@@ -39,11 +40,15 @@ from pamjax.records.fixed_length import average_fixed_lengths
 #: not computed, and recordings of different lengths share a program.
 _MIN_PROGRAM_ROWS, _PROGRAM_ROWS_FACTOR = 1280, 2
 
-#: Largest number of parameters in one sweep of derivatives.
-_DERIVATIVES_PER_SWEEP = 32
+#: Largest number of parameters in one sweep of derivatives; a multiple of the numbers below.
+_DERIVATIVES_PER_SWEEP = 30
 
-#: Number of derivatives that are computed in parallel.
-_DERIVATIVES_PER_PASS = 4
+#: Number of derivatives that are computed in parallel, for short and for long recordings. Most refits have
+#: at most six free parameters. Intermediate results above 32 MB are slower: each call gets new memory.
+_DERIVATIVES_PER_PASS, _DERIVATIVES_PER_LONG_PASS = 6, 3
+
+#: Most rows of a program that computes `_DERIVATIVES_PER_PASS` derivatives in parallel.
+_MAX_SHORT_ROWS = 5120
 
 
 #: The mechanism that costs as much as all others together. `reduced_dataset` does not contain it.
@@ -74,6 +79,7 @@ class LibraryProblem:
         reduced_dataset: the same without `COSTLIEST_MECHANISM`; used while that is switched off.
         measured: (2, n) measured force (N) and diameter (m); NaN where no sample is compared.
         settings: thresholds of the diagnosis.
+        evaluations: results at recent parameter values.
     """
 
     case: Case
@@ -90,6 +96,7 @@ class LibraryProblem:
     reduced_dataset: Dataset
     measured: np.ndarray
     settings: DiagnosisSettings = DEFAULT_SETTINGS
+    evaluations: EvaluationCache = field(default_factory=EvaluationCache, init=False, repr=False)
 
     @property
     def is_logarithmic(self) -> np.ndarray:
@@ -139,36 +146,60 @@ class LibraryProblem:
         }
 
     def start_compilation(self) -> None:
-        """Start to compile both programs in parallel; the first use of each waits for it."""
+        """Start to compile the programs in parallel; the first use of each waits for it."""
         for dataset in (self.reduced_dataset, self.dataset):
             programs.start_compilation(
                 _sweep_derivatives, *_pack_sweep_arguments(dataset, self.neutral, (), True)
             )
+        programs.start_compilation(
+            _predict_channels, self.reduced_dataset, jnp.asarray(self.neutral), jnp.asarray(True)
+        )
 
     def predict_with_jacobian(self, values: np.ndarray, indices) -> tuple[np.ndarray, np.ndarray]:
-        """Return the prediction, (2, n), and its derivatives by some parameters, (k, 2, n), SI."""
-        indices, active_ids = np.array(list(indices), dtype=int), self.find_active_mechanisms(values)
-        mechanism_ids = [_get_mechanism_id(self.names[k]) for k in indices]
-        dataset = (
-            self.dataset
-            if COSTLIEST_MECHANISM in active_ids or COSTLIEST_MECHANISM in mechanism_ids
-            else self.reduced_dataset
+        """Return the prediction, (2, n), and its derivatives by some parameters, (k, 2, n), SI.
+
+        Results at recent values are not computed again.
+        """
+        indices = [int(k) for k in indices]
+        ids = self.find_active_mechanisms(values) | {_get_mechanism_id(self.names[k]) for k in indices}
+        dataset = self.dataset if COSTLIEST_MECHANISM in ids else self.reduced_dataset
+        key = values.tobytes(), dataset is self.dataset
+        evaluation = self.evaluations.get(key)
+        missing = [k for k in indices if k not in evaluation.derivatives]
+        if missing:
+            evaluation = self.evaluations.add(key, *self._compute_derivatives(dataset, values, missing))
+        if evaluation.prediction is None:
+            evaluation = self.evaluations.add(key, self._compute_prediction(dataset, values), {})
+        assert evaluation.prediction is not None
+        jacobian = [evaluation.derivatives[k] for k in indices]
+        return evaluation.prediction, np.stack(jacobian) if jacobian else np.empty((0, 2, self.n))
+
+    def _compute_prediction(self, dataset: Dataset, values: np.ndarray) -> np.ndarray:
+        with_memory = bool(_MECHANISMS_WITH_MEMORY & self.find_active_mechanisms(values))
+        prediction = programs.run_compiled(
+            _predict_channels, dataset, jnp.asarray(values), jnp.asarray(with_memory)
         )
-        has_memory = np.array(
-            [bool(_MECHANISMS_WITH_MEMORY & (active_ids | {id})) for id in mechanism_ids], dtype=bool
-        )
-        prediction, jacobian = None, np.empty((indices.size, 2, self.n))
+        return np.array(prediction[:, : self.n])
+
+    def _compute_derivatives(
+        self, dataset: Dataset, values: np.ndarray, indices: Sequence[int]
+    ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+        """Return the prediction, and its derivatives by index of the parameter."""
+        active_ids, derivatives = self.find_active_mechanisms(values), {}
+        has_memory = [
+            bool(_MECHANISMS_WITH_MEMORY & (active_ids | {_get_mechanism_id(self.names[k])})) for k in indices
+        ]
         for with_memory in (False, True):
-            positions = np.flatnonzero(has_memory == with_memory)
-            for k in range(0, positions.size, _DERIVATIVES_PER_SWEEP):
-                batch = positions[k : k + _DERIVATIVES_PER_SWEEP]
-                prediction, jacobian[batch] = self._run_sweep(dataset, values, indices[batch], with_memory)
-        if prediction is None:
-            prediction, _ = self._run_sweep(dataset, values, (), bool(_MECHANISMS_WITH_MEMORY & active_ids))
-        return prediction, jacobian
+            group = [k for k, memory in zip(indices, has_memory, strict=True) if memory == with_memory]
+            for start in range(0, len(group), _DERIVATIVES_PER_SWEEP):
+                batch = group[start : start + _DERIVATIVES_PER_SWEEP]
+                prediction, jacobian = self._run_sweep(dataset, values, batch, with_memory)
+                # Copies: the arrays of the program have empty rows and slots.
+                derivatives |= {k: np.array(column) for k, column in zip(batch, jacobian, strict=True)}
+        return np.array(prediction), derivatives
 
     def _run_sweep(
-        self, dataset: Dataset, values, indices, with_memory: bool
+        self, dataset: Dataset, values: np.ndarray, indices: Sequence[int], with_memory: bool
     ) -> tuple[np.ndarray, np.ndarray]:
         prediction, jacobian = programs.run_compiled(
             _sweep_derivatives, *_pack_sweep_arguments(dataset, values, indices, with_memory)
@@ -188,6 +219,13 @@ def _pack_sweep_arguments(dataset: Dataset, values, indices, with_memory: bool) 
 
 
 @compile_on_call
+def _predict_channels(dataset: Dataset, values: Float[Array, " p"], with_memory: Array) -> Array:
+    """Return the predicted channels; `with_memory` is true if an active mechanism has memory."""
+    dataset = eqx.tree_at(lambda m: m.history.has_memory, dataset, with_memory, is_leaf=lambda x: x is None)
+    return dataset.predict_channels(values)
+
+
+@compile_on_call
 def _sweep_derivatives(
     dataset: Dataset, values: Float[Array, " p"], slots: Array, count: Array, with_memory: Array
 ) -> tuple[Array, Array]:
@@ -196,26 +234,25 @@ def _sweep_derivatives(
     `with_memory` is true if one of them, or an active mechanism, has memory: the recording is
     then simulated twice.
     """
-    dataset = eqx.tree_at(lambda m: m.history.has_memory, dataset, with_memory, is_leaf=lambda x: x is None)
 
     def predict(x):
-        return dataset.predict_channels(x)
+        return _predict_channels(dataset, x, with_memory)
+
+    rows = dataset.rows.pressure.size
+    per_pass = _DERIVATIVES_PER_PASS if rows <= _MAX_SHORT_ROWS else _DERIVATIVES_PER_LONG_PASS
 
     def fill(k, carry):
         _, jacobian = carry
-        now = jax.lax.dynamic_slice_in_dim(slots, k * _DERIVATIVES_PER_PASS, _DERIVATIVES_PER_PASS)
+        now = jax.lax.dynamic_slice_in_dim(slots, k * per_pass, per_pass)
         tangents = jax.nn.one_hot(now, values.size, dtype=values.dtype)
         # Batched: the common part of all directions is computed once, while it is in the processor cache.
         prediction, tangent_prediction = jax.vmap(
             lambda t: jax.jvp(predict, (values,), (t,)), out_axes=(None, 0)
         )(tangents)
-        return prediction, jax.lax.dynamic_update_slice_in_dim(
-            jacobian, tangent_prediction, k * _DERIVATIVES_PER_PASS, 0
-        )
+        return prediction, jax.lax.dynamic_update_slice_in_dim(jacobian, tangent_prediction, k * per_pass, 0)
 
-    nothing = jnp.zeros((2, dataset.rows.pressure.size))
-    rounds = jnp.maximum(-(-count // _DERIVATIVES_PER_PASS), 1)
-    return jax.lax.fori_loop(0, rounds, fill, (nothing, jnp.zeros((_DERIVATIVES_PER_SWEEP, *nothing.shape))))
+    empty_results = jnp.zeros((2, rows)), jnp.zeros((_DERIVATIVES_PER_SWEEP, 2, rows))
+    return jax.lax.fori_loop(0, -(-count // per_pass), fill, empty_results)
 
 
 def compute_program_rows(n: int) -> int:

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from weakref import WeakKeyDictionary
 
 import jax.numpy as jnp
 import numpy as np
@@ -35,6 +36,9 @@ from pamjax.model.registry import MECHANISMS
 #: Number of draws, a power of two, and their seed. All models use the same draws.
 _INPUT_NOISE_DRAWS, _INPUT_NOISE_SEED = 4, 7
 
+
+#: The problem with each draw of input noise. They stay, because each keeps its recent evaluations.
+_perturbed_problems: WeakKeyDictionary[LibraryProblem, list[LibraryProblem]] = WeakKeyDictionary()
 
 #: Mechanisms whose effect depends on the inputs of other samples.
 _MECHANISMS_MIXING_SAMPLES = {kind.id for kind in MECHANISMS if kind.mixes_samples}
@@ -119,7 +123,11 @@ def build_perturbed_problems(problem: LibraryProblem, values: np.ndarray) -> lis
     """Return the problem with each draw of input noise added; empty without memory or input noise."""
     if not _has_memory(problem, values) or not any(_get_input_noise_sd(problem)):
         return []
-    return [_perturb_problem(problem, *draw) for draw in _sample_input_noise(problem)]
+    if problem not in _perturbed_problems:
+        _perturbed_problems[problem] = [
+            _perturb_problem(problem, *draw) for draw in _sample_input_noise(problem)
+        ]
+    return _perturbed_problems[problem]
 
 
 def _sample_input_noise(problem: LibraryProblem) -> list[tuple[np.ndarray, np.ndarray]]:

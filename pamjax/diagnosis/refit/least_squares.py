@@ -188,6 +188,7 @@ class _ResidualEvaluator:
         self, problem: LibraryProblem, noise: NoiseModel, free: Sequence[int], values: np.ndarray
     ) -> None:
         self.problem, self.noise, self.free, self.values = problem, noise, list(free), values
+        self.start = transform_to_coordinates(problem, self.free, values)
         self.point: np.ndarray | None = None
         self.evaluation: _Evaluation | None = None
 
@@ -195,7 +196,9 @@ class _ResidualEvaluator:
         if self.evaluation is None or self.point is None or not np.array_equal(self.point, x):
             log = self.problem.is_logarithmic[self.free]
             trial = self.values.copy()
-            trial[self.free] = np.where(log, np.exp(np.where(log, x, 0.0)), x)
+            # Exactly the starting value, not exp(log(value)): the result there is often known.
+            moved = np.where(log, np.exp(np.where(log, x, 0.0)), x)
+            trial[self.free] = np.where(x == self.start, trial[self.free], moved)
             prediction, model_jacobian = self.problem.predict_with_jacobian(trial, self.free)
             scale = np.where(log, trial[self.free], 1.0)
             # A sample without a solution counts as a large misfit with zero derivative.

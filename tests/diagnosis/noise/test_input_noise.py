@@ -43,7 +43,7 @@ class Spring(eqx.Module):
         return lambda pressure, length: MuscleReading(STIFF * length, length, length, length, length, length)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Delayed:
     """A problem with a closed form: its force is delayed by a fraction of a sample, by interpolation."""
 
