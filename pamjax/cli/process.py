@@ -69,7 +69,7 @@ def prepare_streams() -> None:
 
 
 def choose_device() -> None:
-    """Let JAX use the processor, unless the user chose a platform.
+    """Let JAX use the CPU, unless the user chose a platform.
 
     A command runs many small programs, which are slower on a GPU. On a GPU, JAX also reserves three quarters
     of its memory for each process. The child processes of a command make the same choice.

@@ -10,6 +10,7 @@ from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.run import diagnose
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.errors import BadInput
+from pamjax.jit import keep_default_device
 from pamjax.progress import Progress, ignore_progress
 from pamjax.records.case import Case
 
@@ -58,7 +59,7 @@ def diagnose_all(
     pool = ThreadPoolExecutor(workers)
     try:
         cases_by_future: dict[Future, Case] = {
-            pool.submit(diagnose_case, case, ignore_progress): case for case in cases
+            pool.submit(keep_default_device(diagnose_case), case, ignore_progress): case for case in cases
         }
         progress(f"{len(cases)} recordings", 0.0)
         for future in as_completed(cases_by_future):

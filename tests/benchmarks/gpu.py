@@ -91,7 +91,7 @@ def mechanisms() -> Result:
 def fit() -> Result:
     """Return the estimates of the paper's case and their standard deviations."""
     estimates = pamjax.fit(PAPER).estimates
-    return {}, {name: np.nan_to_num(np.array([e.value, e.sd])) for name, e in estimates.items()}
+    return {}, {name: np.array([e.value, e.sd], dtype=float) for name, e in estimates.items()}
 
 
 def diagnose() -> Result:
@@ -101,7 +101,7 @@ def diagnose() -> Result:
         diagnosis = pamjax.diagnose(f"{scratch}/mine")
     named = {m.id: np.array([m.probability]) for m in diagnosis.named_mechanisms}
     estimates = {f"{i}.{name}": e for i, all_of in diagnosis.parameters.items() for name, e in all_of.items()}
-    return {}, named | {name: np.array([e.value, e.sd]) for name, e in estimates.items()}
+    return {}, named | {name: np.array([e.value, e.sd], dtype=float) for name, e in estimates.items()}
 
 
 PARTS: dict[str, Callable[[], Result]] = {
@@ -162,13 +162,19 @@ def measure(part: str, device: str, scratch: str) -> tuple[str, dict[str, float]
 
 
 def compare(results: Mapping[str, np.ndarray], others: Mapping[str, np.ndarray]) -> float:
-    """Return the largest difference, as a fraction of the largest value of its output."""
+    """Return the largest difference, as a fraction of the largest value of its output.
+
+    It is infinite if an output or a NaN is on one side only.
+    """
     if set(results) != set(others):
         return np.inf
-    return max(
-        float(np.max(np.abs(results[k] - others[k])) / max(np.max(np.abs(others[k])), 1e-300))
-        for k in results
-    )
+    return max(_compare_output(results[k], others[k]) for k in results)
+
+
+def _compare_output(result: np.ndarray, other: np.ndarray) -> float:
+    if result.shape != other.shape or not np.array_equal(np.isnan(result), np.isnan(other)):
+        return np.inf
+    return float(np.max(np.abs(np.nan_to_num(result - other))) / max(np.nanmax(np.abs(other)), 1e-300))
 
 
 def main() -> None:

@@ -3,6 +3,8 @@
 import importlib.util
 import os
 import re
+import subprocess
+import sys
 
 import pytest
 
@@ -58,13 +60,23 @@ def test_scheduler_that_does_not_answer_is_refused(tmp_path, monkeypatch):
             pass
 
 
+PRINT_PLATFORM = """
+import os
+from pamjax.cluster.connect import start_cluster
+if __name__ == "__main__":
+    with start_cluster(workers=1) as client:
+        print(*client.run(os.getenv, "JAX_PLATFORMS").values())
+"""
+
+
 @pytest.mark.slow
-def test_workers_use_the_processor_unless_the_user_chose_a_platform(monkeypatch):
+@pytest.mark.parametrize(("chosen", "platform"), [(None, "cpu"), ("cuda", "cuda")])
+def test_workers_use_the_cpu_unless_the_user_chose_a_platform(chosen, platform, tmp_path):
     pytest.importorskip("distributed", reason="needs the extra pamjax[fleet]")
-    for variable in ("JAX_PLATFORMS", "JAX_PLATFORM_NAME"):
-        monkeypatch.delenv(variable, raising=False)
-    with connect.start_cluster(workers=1) as client:
-        assert list(client.run(os.getenv, "JAX_PLATFORMS").values()) == ["cpu"]
-    monkeypatch.setenv("JAX_PLATFORMS", "cuda")
-    with connect.start_cluster(workers=1) as client:
-        assert list(client.run(os.getenv, "JAX_PLATFORMS").values()) == ["cuda"]
+    variables = {k: v for k, v in os.environ.items() if k not in ("JAX_PLATFORMS", "JAX_PLATFORM_NAME")}
+    variables |= {"JAX_PLATFORMS": chosen} if chosen else {}
+    # In a process of its own: compilations of earlier tests can delay the start of a cluster.
+    (tmp_path / "script.py").write_text(PRINT_PLATFORM)
+    command = [sys.executable, str(tmp_path / "script.py")]
+    process = subprocess.run(command, env=variables, capture_output=True, text=True, check=True)
+    assert process.stdout.split() == [platform]
