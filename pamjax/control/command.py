@@ -104,13 +104,13 @@ class CommandResult:
             "value": self.value,
             "sd": self.sd,
             "force": self.force,
-            "given": self.given_value,
-            "by_force": self.slope_by_force,
-            "by_given": self.slope_by_given,
+            "given_value": self.given_value,
+            "slope_by_force": self.slope_by_force,
+            "slope_by_given": self.slope_by_given,
             "stiffness": self.stiffness,
             "stiffness_by_pressure": self.stiffness_by_pressure,
             "stiffness_by_length": self.stiffness_by_length,
-            "force_missed": self.unexplained_force,
+            "unexplained_force": self.unexplained_force,
             "friction_force": self.friction,
             "friction_command": self.friction_shift,
         }
@@ -120,7 +120,7 @@ class CommandResult:
         document |= {
             "limit": self.limit.name,
             "says": self.reason,
-            "there": _finite_or_none(self.reached_force),
+            "reached_force": _finite_or_none(self.reached_force),
         }
         document["uncertainty"] = self.uncertainty
         document["left_out"], document["beyond"] = (
@@ -132,7 +132,10 @@ class CommandResult:
                 "low": _finite_or_none(self.distribution.low),
                 "high": _finite_or_none(self.distribution.high),
             }
-            document["draws"] = ends | {"middle": INTERVAL_SHARE, "met": self.distribution.feasible_share}
+            document["draws"] = ends | {
+                "interval_share": INTERVAL_SHARE,
+                "feasible_share": self.distribution.feasible_share,
+            }
         return document
 
     def __str__(self) -> str:

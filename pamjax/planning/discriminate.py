@@ -72,20 +72,20 @@ class Discrimination(NotebookText):
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the discrimination as it is written to contest.json."""
+        """Return the discrimination as it is written to discrimination.json."""
         return {
-            "schema": "pamjax.contest/1",
+            "schema": "pamjax.discrimination/1",
             "case": self.case.name,
-            "tell": list(self.ids),
-            "chi2_worse": self.chi2_difference,
+            "mechanisms": list(self.ids),
+            "chi2_difference": self.chi2_difference,
             "explained": not self.neither_explains,
             "says": self.comparison_sentence,
-            "left": {
+            "residual_tests": {
                 id: {"p_value": residual_test.p_value, "rms_over_noise": math.sqrt(residual_test.mean_square)}
                 for id, residual_test in zip(self.ids, self.residual_tests, strict=True)
             },
             "next_experiment": self.chosen_experiment.as_dict(),
-            "menu": [
+            "protocols": [
                 experiment.as_dict() | _describe_experiment(experiment) for experiment in self.experiments
             ],
         }
@@ -227,8 +227,8 @@ def _build_unavailable_error(id: str, case: Case) -> BadInput:
 
 
 def save_discrimination(discrimination: Discrimination, folder: Path) -> list[Path]:
-    """Write contest.json atomically and return its path."""
+    """Write discrimination.json atomically and return its path."""
     folder.mkdir(parents=True, exist_ok=True)
-    with write_atomically(folder / "contest.json") as temporary:
+    with write_atomically(folder / "discrimination.json") as temporary:
         temporary.write_text(json.dumps(discrimination.as_dict(), indent=1, allow_nan=False) + "\n")
-    return [folder / "contest.json"]
+    return [folder / "discrimination.json"]

@@ -114,21 +114,23 @@ class Plan(NotebookText):
 
         scale = 1.0 if self.goal == ALL_PARAMETERS else compute_si_factor(find_meaning(self.goal).show)
         return {
-            "schema": "pamjax.plan/1",
+            "schema": "pamjax.plan/2",
             "muscle": self.prior.muscle_toml.name,
             "says": format_plan_sentence(self),
-            "goal": {"number": self.goal, "sd": self.target_sd / scale, "reached": self.reaches_goal},
+            "goal": {"parameter": self.goal, "sd": self.target_sd / scale, "reached": self.reaches_goal},
             "runs": [
                 {"count": n, "run": run.description, "minutes": n * run.minutes}
                 for n, run in self.chosen_runs
             ],
             "minutes": self.minutes,
             "rows": self.rows,
-            "settles": {name: describe(name, expected) for name, expected in self.expected_sds.items()},
-            "alone": {c: {"sd": sd / scale, "minutes": m} for c, (sd, m) in self.single_channel.items()},
+            "parameters": {name: describe(name, expected) for name, expected in self.expected_sds.items()},
+            "single_channels": {
+                c: {"sd": sd / scale, "minutes": m} for c, (sd, m) in self.single_channel.items()
+            },
             "ten_isobars_in_the_same_time": {"sd": self.isobars_sd / scale},
-            "recording_missed_by": dict(self.prior.misfit_ratios),
-            "assumed": dict(self.prior.capabilities.assumed_sds),
+            "misfit_over_noise": dict(self.prior.misfit_ratios),
+            "assumed_sds": dict(self.prior.capabilities.assumed_sds),
         }
 
     def __str__(self) -> str:

@@ -25,7 +25,7 @@ from pamjax.sizing.shopping import list_checks, list_parts
 from pamjax.sizing.tolerances import TOLERANCE_UNITS
 from pamjax.units import compute_si_factor, format_quantity
 
-_DESIGN_SCHEMA = "pamjax.design/1"
+_DESIGN_SCHEMA = "pamjax.design/2"
 #: Start of the text on the errors of manufacture and sensors in a receipt.
 _TOLERANCE_LABEL = "manufacture and sensors, one standard deviation: "
 
@@ -123,7 +123,7 @@ def _describe_point(design: Design, k: int) -> dict[str, Any]:
         "pressure": float(points.supply_share[k]) * working_pressure + float(points.pressure[k]),
         "length": length,
         "contraction": 1 - length / design.numbers["rest_length"],
-        "wanted": _finite_or_none(float(design.task.loads[k])),
+        "required_force": _finite_or_none(float(design.task.loads[k])),
         "force": design.output("force", k),
         "force_sd": float(design.force_sds[k]) if k < design.force_sds.size else None,
         "diameter": design.output("diameter", k),
@@ -137,7 +137,7 @@ def _describe_requirement(design: Design, requirement) -> dict[str, Any]:
         "says": requirement.description,
         "stated": requirement.stated,
         "bound": list(requirement.bounds),
-        "room": float(requirement.compute_margins(design.outputs).min()),
+        "margin": float(requirement.compute_margins(design.outputs).min()),
         "probability": design.requirement_probabilities.get(requirement.key),
     }
 
@@ -145,8 +145,8 @@ def _describe_requirement(design: Design, requirement) -> dict[str, Any]:
 def _describe_relaxation(relaxation) -> dict[str, Any]:
     document = {
         "requirement": relaxation.requirement.key,
-        "part": relaxation.conflict_share,
-        "to": relaxation.relaxed_bound,
+        "conflict_share": relaxation.conflict_share,
+        "bound": relaxation.relaxed_bound,
     }
     return document | {"contraction": relaxation.contraction, "says": relaxation.description}
 

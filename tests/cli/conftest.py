@@ -34,10 +34,16 @@ def fitted(bench):
 
 
 @pytest.fixture(scope="session")
-def diagnosed(bench):
-    """Return the folder of `pamjax diagnose` for the example recording, which has friction."""
+def rubbed(bench):
+    """Return the folder of the example recording, which has friction."""
     assert main(["new", str(bench / "rubbed")]) == 0
-    assert main(["diagnose", str(bench / "rubbed"), "--out", str(bench / "verdicts")]) == 0
+    return bench / "rubbed"
+
+
+@pytest.fixture(scope="session")
+def diagnosed(rubbed, bench):
+    """Return the folder of `pamjax diagnose` for the example recording."""
+    assert main(["diagnose", str(rubbed), "--out", str(bench / "verdicts")]) == 0
     return bench / "verdicts" / "rubbed"
 
 

@@ -107,7 +107,7 @@ def test_ruler_error_is_shared_by_all_samples_of_a_length(by_ruler):
 def test_plan_supports_lengths_set_by_ruler(by_ruler, goal):
     result = plan(by_ruler, read_capabilities(by_ruler, pressure="690 kPa"), goal, minutes=20.0)
     assert "length_error.each 1 mm" in str(result)
-    assert result.as_dict()["assumed"]["length_error.each"] == 1e-3
+    assert result.as_dict()["assumed_sds"]["length_error.each"] == 1e-3
     assert not any("length_error" in name for name in result.expected_sds)
 
 

@@ -71,14 +71,14 @@ def test_simulated_muscle_meets_the_requirements(design, tmp_path):
     save_design(design, tmp_path)
     loaded = load_muscle(tmp_path / "model.json")
     document = json.loads((tmp_path / "design.json").read_text())
-    places = [place for place in document["places"] if place["wanted"] is not None]
+    places = [place for place in document["places"] if place["required_force"] is not None]
     pressure, length = (np.array([place[key] for place in places]) for key in ("pressure", "length"))
     history = build_time_history(None, np.ones(len(places), dtype=bool))
     simulated = record_bench(loaded.muscle, pressure, length, history)
     assert (np.asarray(simulated.status) == 0).all()
     force = design.choice.parallel * np.asarray(simulated.force)
     agree(force, [place["force"] for place in places], SOLVED * 100)
-    wanted = np.array([place["wanted"] for place in places])
+    wanted = np.array([place["required_force"] for place in places])
     assert (force >= wanted - KEPT * np.maximum(wanted, force.max())).all()
     muscle_toml = load_muscle(tmp_path / "muscle").muscle_toml
     assert muscle_toml.thread_length.value == pytest.approx(design.numbers["thread_length"])

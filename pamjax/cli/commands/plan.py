@@ -37,7 +37,7 @@ def plan(
     """Choose the next runs on a test rig: to determine a parameter, or to distinguish two mechanisms.
 
     Writes plan.json, schedule.csv (pressure and length to command), figures and report.html. With `--tell` it
-    writes contest.json and report.html. Only `--tell` needs a recording; otherwise a muscle.toml is
+    writes discrimination.json and report.html. Only `--tell` needs a recording; otherwise a muscle.toml is
     sufficient.
 
     Args:

@@ -93,10 +93,10 @@ class PosteriorComparison(NotebookText):
             s.name: {
                 "model": s.model,
                 "score": s.total,
-                "behind": self.compute_deficit(s)[0],
+                "deficit": self.compute_deficit(s)[0],
                 "error": self.compute_deficit(s)[1] if np.isfinite(self.compute_deficit(s)[1]) else None,
                 "blocks": dict(zip(s.blocks, s.block_scores.tolist(), strict=True)),
-                "shape": dict(zip(s.blocks, np.nan_to_num(s.pareto_k, posinf=1e9).tolist(), strict=True)),
+                "pareto_k": dict(zip(s.blocks, np.nan_to_num(s.pareto_k, posinf=1e9).tolist(), strict=True)),
             }
             for s in self.scores
         }

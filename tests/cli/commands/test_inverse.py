@@ -64,8 +64,8 @@ def test_uncertainty_includes_the_unexplained_misfit(fitted, tmp_path, capsys):
     left = {"improvement": {"held_out": {"force": {"rmse_after": 5.0}}}, "noise": {"force": {"sd": 3.0}}}
     (tmp_path / "diagnosis.json").write_text(json.dumps(left))
     both = run_inverse()
-    assert (alone["force_missed"], both["force_missed"]) == (0.0, 4.0)
-    assert both["sd"] == pytest.approx(np.hypot(alone["sd"], 4.0 * both["by_force"]))
+    assert (alone["unexplained_force"], both["unexplained_force"]) == (0.0, 4.0)
+    assert both["sd"] == pytest.approx(np.hypot(alone["sd"], 4.0 * both["slope_by_force"]))
     assert main(["inverse", *words]) == 0
     assert "for a force error of 4 N beyond noise on held-out blocks" in capsys.readouterr().out
 
@@ -95,7 +95,7 @@ def test_infeasible_command_is_reported_with_its_limit(fitted, capsys):
     document = json.loads(capsys.readouterr().out)
     assert document["limit"] == "TOO_STRONG"
     assert "at the highest pressure" in document["says"]
-    assert document["there"] == pytest.approx(float(loaded.muscle(document["value"], 0.18).force))
+    assert document["reached_force"] == pytest.approx(float(loaded.muscle(document["value"], 0.18).force))
 
 
 def test_export_reports_its_interpolation_error(fitted, tmp_path, capsys):
@@ -175,13 +175,13 @@ def test_normal_posterior_agrees_with_the_covariance(fitted, write_posterior, ca
     near, far = (run_inverse("--posterior", str(write_posterior(wide))) for wide in (0.2, 0.4))
     # All include the same force error on held-out blocks. The remaining difference is curvature.
     own, near_own, far_own = (
-        math.sqrt(result["sd"] ** 2 - (result["by_force"] * result["force_missed"]) ** 2)
+        math.sqrt(result["sd"] ** 2 - (result["slope_by_force"] * result["unexplained_force"]) ** 2)
         for result in (straight, near, far)
     )
     assert near_own / 0.2 == pytest.approx(own, rel=5e-3)
     assert far_own / near_own == pytest.approx(2.0, rel=5e-3)
     assert near["value"] == pytest.approx(straight["value"], rel=1e-4)
-    assert near["draws"]["met"] == 1.0
+    assert near["draws"]["feasible_share"] == 1.0
     width = near["draws"]["high"] - near["draws"]["low"]
     assert width == pytest.approx(2 * 1.645 * near_own, rel=0.15)
 
@@ -193,7 +193,7 @@ def test_draws_give_the_probability_of_a_feasible_command(fitted, write_posterio
     words = ["inverse", str(fitted / "fit.json"), "--force", f"{most:.9g} N", "--length", "180 mm"]
     assert main([*words, "--posterior", str(write_posterior(1.0)), "--json"]) == 0
     # The largest force of the median draw is infeasible for half of the draws.
-    assert json.loads(capsys.readouterr().out)["draws"]["met"] == pytest.approx(0.5, abs=0.1)
+    assert json.loads(capsys.readouterr().out)["draws"]["feasible_share"] == pytest.approx(0.5, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -227,7 +227,9 @@ def test_neglected_effects_are_reported_with_the_uncertainty(fitted, tmp_path, c
     document = json.loads(capsys.readouterr().out)
     assert document["left_out"] == ["braid_friction", "force_offset"]
     assert document["friction_force"] > 0
-    assert document["friction_command"] == pytest.approx(document["friction_force"] * document["by_force"])
+    assert document["friction_command"] == pytest.approx(
+        document["friction_force"] * document["slope_by_force"]
+    )
     assert main(words) == 0
     printed = capsys.readouterr().out
     assert f", and up to ± {format_quantity(document['friction_command'], 'kPa', 2)} by friction" in printed

@@ -14,11 +14,11 @@ PAPER = str(Path(__file__).parents[3] / "fits" / "chambers_wereley_2022")
 
 def test_files_of_a_plan_agree_with_its_text(planned):
     document = json.loads((planned / "plan.json").read_text())
-    assert document["goal"]["number"] == "thread.modulus"
+    assert document["goal"]["parameter"] == "thread.modulus"
     assert document["minutes"] <= 40
     assert sum(run["minutes"] for run in document["runs"]) == pytest.approx(document["minutes"])
-    assert set(document["alone"]) == {"force", "diameter"}
-    modulus = document["settles"]["thread.modulus"]
+    assert set(document["single_channels"]) == {"force", "diameter"}
+    modulus = document["parameters"]["thread.modulus"]
     assert modulus["unit"] == "GPa"
     assert modulus["sd_after"] < modulus["sd_before"]
     assert document["goal"]["reached"] == (modulus["sd_after"] <= document["goal"]["sd"])
@@ -37,9 +37,9 @@ def test_report_of_a_plan_agrees_with_its_json(planned):
         run["run"]: run["count"] for run in document["runs"]
     }
     settled = page.table(["parameter", "value"])
-    assert set(settled) == set(document["settles"])
+    assert set(settled) == set(document["parameters"])
     after = float(settled["thread.modulus"][2].split()[1])
-    assert after == pytest.approx(document["settles"]["thread.modulus"]["sd_after"], rel=0.06)
+    assert after == pytest.approx(document["parameters"]["thread.modulus"]["sd_after"], rel=0.06)
     assert f"{document['minutes']:.0f} min" in page.text
 
 
@@ -86,17 +86,17 @@ def test_friction_cannot_be_detected_without_time(capsys, tmp_path):
 
 
 @pytest.mark.slow
-def test_plan_separates_indistinguishable_mechanisms(diagnosed, bench, tmp_path, capsys):
-    words = [str(bench / "rubbed"), "--tell", "braid_friction", "viscous_damping", "--out", str(tmp_path)]
+def test_plan_separates_indistinguishable_mechanisms(rubbed, tmp_path, capsys):
+    words = [str(rubbed), "--tell", "braid_friction", "viscous_damping", "--out", str(tmp_path)]
     assert main(["plan", *words, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document == json.loads((tmp_path / "contest.json").read_text())
-    assert [experiment["id"] for experiment in document["menu"]] == [f"X{k}" for k in range(1, 15)]
+    assert document == json.loads((tmp_path / "discrimination.json").read_text())
+    assert [experiment["id"] for experiment in document["protocols"]] == [f"X{k}" for k in range(1, 15)]
     assert document["next_experiment"]["power"] > 0.9
     assert document["explained"]
     page = Page((tmp_path / "report.html").read_text("utf-8"))
     rows = page.table(["id", "protocol"])
-    for experiment in document["menu"]:
+    for experiment in document["protocols"]:
         assert float(rows[experiment["id"]][1]) == pytest.approx(experiment["power"], abs=0.0051)
     assert len(page.every("svg")) == 2
 
@@ -111,11 +111,11 @@ def test_recording_without_an_explanation_is_reported_first(bench, tmp_path, cap
     output = capsys.readouterr().out
     assert "neither braid_friction nor viscous_damping explains this recording" in output
     assert "next experiment: " not in output
-    document = json.loads((tmp_path / "told" / "contest.json").read_text())
+    document = json.loads((tmp_path / "told" / "discrimination.json").read_text())
     assert not document["explained"]
     assert all(
         experiment["p_value"] < 1e-3 and experiment["rms_over_noise"] > 1.3
-        for experiment in document["left"].values()
+        for experiment in document["residual_tests"].values()
     )
     page = (tmp_path / "told" / "report.html").read_text("utf-8")
     assert "<h1>Neither braid_friction nor viscous_damping explains this recording</h1>" in page
