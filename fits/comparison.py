@@ -50,13 +50,13 @@ class Split:
 
     Attributes:
         name: as "rest length held out".
-        test_rows: (n,) masks; "in sample" they are also training rows.
-        training_mask: (n,) masks of the rows of each fit, in the order of `test_rows`.
+        test_masks: (n,) masks; "in sample" they are also training rows.
+        training_masks: (n,) masks of the rows of each fit, in the order of `test_masks`.
     """
 
     name: str
-    test_rows: tuple[np.ndarray, ...]
-    training_mask: tuple[np.ndarray, ...]
+    test_masks: tuple[np.ndarray, ...]
+    training_masks: tuple[np.ndarray, ...]
 
 
 @dataclass(frozen=True)
@@ -215,12 +215,12 @@ def _build_formulas(case: Case) -> dict[str, Model]:
 
 def _compute_score(model: Model, split: Split, force: np.ndarray) -> Score:
     misfit, remarks = [], []
-    for test_rows, training_mask in zip(split.test_rows, split.training_mask, strict=True):
+    for test_masks, training_masks in zip(split.test_masks, split.training_masks, strict=True):
         try:
-            predicted, remark = model(training_mask)
+            predicted, remark = model(training_masks)
         except BadInput as error:
             return Score(None, str(error))
-        misfit.append((force - predicted)[test_rows])
+        misfit.append((force - predicted)[test_masks])
         remarks.append(remark)
     return Score(float(np.sqrt(np.mean(np.concatenate(misfit) ** 2))), max(remarks))
 

@@ -182,7 +182,7 @@ def _scale_to_size(
         [rng.choice([-1.0, 1.0]) if problem.low[k] < problem.neutral[k] else 1.0 for k in indices]
     )
     span = np.array([problem.high[k] - problem.neutral[k] for k in indices])
-    along = sign * span * rng.dirichlet(np.ones(len(indices)))
+    amplitudes = sign * span * rng.dirichlet(np.ones(len(indices)))
     prior_draws = {
         k: _draw_from_prior(problem, k, rng) for k in indices if math.isfinite(problem.prior_sd[k])
     }
@@ -190,7 +190,7 @@ def _scale_to_size(
     trial, effect, noise_sd = start_values, np.full((2, problem.n), np.nan), np.ones((2, problem.n))
     for _ in range(_AMPLITUDE_ROUNDS):
         trial = start_values.copy()
-        for k, amplitude in zip(indices, scale * along, strict=True):
+        for k, amplitude in zip(indices, scale * amplitudes, strict=True):
             inside = 0.02 * (problem.high[k] - problem.low[k])
             value = np.clip(problem.neutral[k] + amplitude, problem.low[k], problem.high[k] - inside)
             trial[k] = prior_draws.get(k, value)

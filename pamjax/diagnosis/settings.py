@@ -5,7 +5,7 @@ Pure numerical constants (tolerances of a minimiser, nodes of an interpolation) 
 
 Units: "χ²" is a difference of −2 ln likelihood. "BIC" is a difference of the Bayesian information criterion,
 about twice the logarithm of the Bayes factor: 12 is odds of 400 to 1. "Excess χ²" is χ² minus its expected
-value for noise alone.
+value for noise alone. Names with "chi2" have either unit: both are on the scale of χ².
 """
 
 from __future__ import annotations

@@ -139,8 +139,8 @@ def test_strokes_are_split_by_isobar():
         "inner isobars held out",
         "highest isobar held out",
     ]
-    assert [int(rows.sum()) for rows in splits[1].test_rows] == [40, 40]
-    assert not (splits[2].test_rows[0] & splits[2].training_mask[0]).any()
+    assert [int(rows.sum()) for rows in splits[1].test_masks] == [40, 40]
+    assert not (splits[2].test_masks[0] & splits[2].training_masks[0]).any()
 
 
 def test_a_case_without_force_is_refused():

@@ -54,7 +54,7 @@ def locate_effects(problem: LibraryProblem, baseline: ModelFit, fit: ModelFit) -
     for candidate in fit.mechanisms:
         candidate_effect = compute_unabsorbed_effect(problem, fit, candidate)
         sizes = [
-            compute_rms(fit.noise.standardise(candidate_effect, c), if_none=0.0) for c in range(len(CHANNELS))
+            compute_rms(fit.noise.standardise(candidate_effect, c), default=0.0) for c in range(len(CHANNELS))
         ]
         for c, size in enumerate(sizes):
             if size > 0 and size >= settings.min_box_rms_ratio * max(sizes):

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
-from pamjax.infer.problem.unit_diagonal import invert_to_unit_diagonal, scale_to_unit_diagonal
+from pamjax.infer.problem.unit_diagonal import invert_scaled, scale_to_unit_diagonal
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class LinearisedModel:
     def compute_refit_chi2(self, differences: np.ndarray) -> np.ndarray:
         """Return χ² of whitened differences, (…, m), after a refit."""
         total = self.information + self.jacobian @ self.jacobian.T
-        inverse, unit = invert_to_unit_diagonal(total)
+        inverse, unit = invert_scaled(total)
         projections = differences @ (self.jacobian / unit[:, None]).T
         return np.sum(differences**2, axis=-1) - np.sum((projections @ inverse) * projections, axis=-1)
 

@@ -35,7 +35,7 @@ from pamjax.infer.form_errors.discrepancy import (
     build_free_columns,
     compute_free_column_cost,
 )
-from pamjax.infer.problem.unit_diagonal import invert_to_unit_diagonal
+from pamjax.infer.problem.unit_diagonal import invert_scaled
 
 #: Share of a template that the parameters must not imitate; a smaller one is rounding.
 _MIN_FREE_SHARE = 1e-3
@@ -163,7 +163,7 @@ def compute_explained_chi2(fit: ModelFit, templates: Sequence[Template]) -> np.n
     """Return by template the reduction of χ² with priors in the linear model; −∞ where it has no effect."""
     jacobian = fit.estimate.jacobian
     information = jacobian.T @ jacobian + np.diag(1 / fit.estimate.prior_sd**2)
-    covariance, unit = invert_to_unit_diagonal(information)
+    covariance, unit = invert_scaled(information)
     explained = np.full(len(templates), -np.inf)
     for k, template in enumerate(templates):
         columns = np.nan_to_num(fit.noise.whiten(template.columns))

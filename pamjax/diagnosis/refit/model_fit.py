@@ -150,10 +150,7 @@ def switch_on_candidate(
     problem: LibraryProblem, values: np.ndarray, candidate: Candidate, amplitudes: np.ndarray
 ) -> np.ndarray:
     """Return values with a candidate switched on at some amplitudes, clipped to their limits."""
-    out = values.copy()
-    for name, value in candidate.shape.items():
-        k = problem.index(name)
-        out[k] = np.clip(value, problem.low[k], problem.high[k])
+    out = problem.set_shape(values, candidate.shape)
     for name, value in zip(candidate.amplitudes, amplitudes, strict=True):
         k = problem.index(name)
         # The minimiser is slow if it starts at a limit.

@@ -26,6 +26,7 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import compute_priors, fit_parameters, transform_to_coordinates
 from pamjax.diagnosis.refit.model_fit import ModelFit, build_corrected_fit
 from pamjax.infer.noise.noise_model import NoiseModel
+from pamjax.infer.problem.unit_diagonal import scale_to_unit_diagonal
 
 #: Starting grid of the search for the most likely correlation; the largest allowed one is added.
 _TRIAL_CORRELATIONS = (0.0, 0.2, 0.4, 0.6, 0.75, 0.85, 0.92, 0.96)
@@ -71,8 +72,8 @@ def _build_restricted_deviance(problem: LibraryProblem, fit: ModelFit) -> Callab
     def compute_deviance(noise: NoiseModel) -> float:
         e, jacobian = np.nan_to_num(noise.whiten(residual)), np.nan_to_num(noise.whiten(model_jacobian))
         information = jacobian @ jacobian.T + np.diag(precision)
-        unit = np.sqrt(np.maximum(np.diag(information), 1e-300))
-        value, vector = np.linalg.eigh(information / np.outer(unit, unit))
+        scaled_information, unit = scale_to_unit_diagonal(information)
+        value, vector = np.linalg.eigh(scaled_information)
         value = np.maximum(value, 1e-12)
         absorbed_part = vector.T @ ((jacobian @ e - prior_gradient) / unit)
         determinant = float(np.sum(np.log(value)) + 2 * np.sum(np.log(unit)))

@@ -172,7 +172,7 @@ def rank_pairs(
     ]
     rows = np.concatenate([s.unit_vectors for s in directions])
     ends = np.cumsum([len(s.unit_vectors) for s in directions])
-    along, gram, bic_penalty = rows @ residual, rows @ rows.T, np.log(max(fit.noise.size, 2))
+    projections, gram, bic_penalty = rows @ residual, rows @ rows.T, np.log(max(fit.noise.size, 2))
     ranked_pairs = []
     for a, b in combinations(range(len(directions)), 2):
         if directions[a].candidate.id == directions[b].candidate.id or _is_excluded(
@@ -184,12 +184,12 @@ def rank_pairs(
             ends[b] - len(directions[b].unit_vectors) : ends[b],
         ]
         amplitudes = np.linalg.lstsq(
-            gram[np.ix_(rows_of_pair, rows_of_pair)], along[rows_of_pair], rcond=1e-9
+            gram[np.ix_(rows_of_pair, rows_of_pair)], projections[rows_of_pair], rcond=1e-9
         )[0]
         pair_penalty = bic_penalty * (
             len(directions[a].candidate.free_parameters) + len(directions[b].candidate.free_parameters)
         )
-        ranked_pairs.append((float(along[rows_of_pair] @ amplitudes) - pair_penalty, a, b, amplitudes))
+        ranked_pairs.append((float(projections[rows_of_pair] @ amplitudes) - pair_penalty, a, b, amplitudes))
     reported_pairs: list[tuple[float, set[str]]] = []
     for reduction, a, b, amplitudes in sorted(ranked_pairs, key=lambda ranked_pair: -ranked_pair[0]):
         ids = {directions[a].candidate.id, directions[b].candidate.id}

@@ -47,10 +47,16 @@ def replace_by_template(
     if better is None:
         return selection, []
     better = _remove_mechanisms(problem, templates, better)
-    kept = [mechanism for mechanism in selection.named_mechanisms if mechanism.id in better.fit.ids]
-    ids = [f"`{mechanism.id}`" for mechanism in selection.named_mechanisms if mechanism not in kept]
+    named_mechanisms = [
+        mechanism for mechanism in selection.named_mechanisms if mechanism.id in better.fit.ids
+    ]
+    ids = [
+        f"`{mechanism.id}`" for mechanism in selection.named_mechanisms if mechanism not in named_mechanisms
+    ]
     note = f"{better.template.description} explains the misfit better than {join_words(ids)}"
-    return restrict_selection(problem, training_mask, selection, kept), [f"{note[0].upper()}{note[1:]}."]
+    return restrict_selection(problem, training_mask, selection, named_mechanisms), [
+        f"{note[0].upper()}{note[1:]}."
+    ]
 
 
 def _remove_mechanisms(

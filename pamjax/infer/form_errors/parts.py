@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamjax.infer.problem.rms import compute_rms
-from pamjax.infer.problem.unit_diagonal import invert_to_unit_diagonal
+from pamjax.infer.problem.unit_diagonal import invert_scaled
 
 #: Smallest effect that is shown, as a share of the noise of a row.
 MIN_SHOWN_EFFECT = 0.05
@@ -55,7 +55,7 @@ def build_form_part(
     """
     return FormErrorPart(
         share,
-        compute_rms(form_white) / max(compute_rms(effect_white), 1e-12),
+        compute_rms(form_white, 0.0) / max(compute_rms(effect_white, 0.0), 1e-12),
         form,
         _compute_channel_rms(form, is_measured),
         _compute_channel_rms(effect, is_measured),
@@ -77,6 +77,6 @@ def compute_prediction_sd(columns: np.ndarray, white: np.ndarray, precision: np.
         precision: (k,) 1 / variance of their priors.
     """
     information = white @ white.T + np.diag(precision)
-    inverse, unit = invert_to_unit_diagonal(information)
+    inverse, unit = invert_scaled(information)
     scaled = columns / unit[:, None, None]
     return np.sqrt(np.maximum(np.einsum("kcn,kl,lcn->cn", scaled, inverse, scaled, optimize=True), 0.0))

@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 
-def compute_rms(values: np.ndarray, if_none: float = math.nan) -> float:
-    """Return the root mean square of the finite values; `if_none` without any.
+def compute_rms(values: np.ndarray, default: float = math.nan) -> float:
+    """Return the root mean square of the finite values; `default` without any.
 
     >>> compute_rms(np.array([3.0, np.nan, -3.0]))
     3.0
     """
     finite = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(finite**2))) if finite.size else if_none
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else default

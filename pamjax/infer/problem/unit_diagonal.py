@@ -17,7 +17,7 @@ def scale_to_unit_diagonal(information: np.ndarray) -> tuple[np.ndarray, np.ndar
     return information / np.outer(unit, unit), unit
 
 
-def invert_to_unit_diagonal(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pseudo-inverse of A / (u uᵀ), and u, (k,); the inverse of A is the first over u uᵀ."""
+def invert_scaled(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pseudo-inverse of A / (u uᵀ), and u, (k,). Over u uᵀ it is the inverse of A."""
     scaled, unit = scale_to_unit_diagonal(information)
     return np.linalg.pinv(scaled, rcond=_MIN_EIGENVALUE_SHARE, hermitian=True), unit
