@@ -25,6 +25,7 @@ from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.form_errors.prediction import describe_form_errors, predict_with_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.next_experiment.experiment import Experiment, propose_experiments
+from pamjax.diagnosis.noise.input_noise import clear_evaluations
 from pamjax.diagnosis.noise.noise_ratios import compute_noise_ratios, format_noise_notes
 from pamjax.diagnosis.notes import format_notes
 from pamjax.diagnosis.outside.template_context import build_template_context
@@ -149,6 +150,15 @@ def diagnose(
     progress("compiling", 0.0)
     problem = build_library_problem(case, settings)
     problem.start_compilation()
+    try:
+        return _diagnose_problem(problem, case, seed, progress)
+    finally:
+        # The result holds the problem: it must not hold the cached evaluations.
+        clear_evaluations(problem)
+
+
+def _diagnose_problem(problem: LibraryProblem, case: Case, seed: int, progress: Progress) -> Diagnosis:
+    settings = problem.settings
     blocks = find_blocks(case.recording)
     training = _test_baseline(problem, blocks, ~build_held_out_mask(blocks, settings), seed)
     selection = (

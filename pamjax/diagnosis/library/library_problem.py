@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import equinox as eqx
@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from pamjax.compile import programs
-from pamjax.diagnosis.library.evaluation_cache import EvaluationCache
+from pamjax.diagnosis.library.evaluation_cache import CachedEvaluation, EvaluationCache
 from pamjax.diagnosis.library.library_parameters import LibraryParameters, collect_library_parameters
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.errors import BadInput
@@ -44,12 +44,16 @@ _MIN_PROGRAM_ROWS, _PROGRAM_ROWS_FACTOR = 1280, 2
 _DERIVATIVES_PER_SWEEP = 30
 
 #: Number of derivatives that are computed in parallel, for short and for long recordings. Most refits have
-#: at most six free parameters. Intermediate results above 32 MB are slower: each call gets new memory.
+#: at most six free parameters. Three keep the intermediate results of 10,240 rows below 32 MB, the largest
+#: block that the C library reuses: a larger one is requested from the system in each call.
 _DERIVATIVES_PER_PASS, _DERIVATIVES_PER_LONG_PASS = 6, 3
 
 #: Most rows of a program that computes `_DERIVATIVES_PER_PASS` derivatives in parallel.
 _MAX_SHORT_ROWS = 5120
 
+
+#: Key of a prediction without derivatives. That of a sweep is whether mechanisms with memory act.
+_PREDICTION_ALONE = "alone"
 
 #: The mechanism that costs as much as all others together. `reduced_dataset` does not contain it.
 COSTLIEST_MECHANISM = "end_taper"
@@ -79,7 +83,7 @@ class LibraryProblem:
         reduced_dataset: the same without `COSTLIEST_MECHANISM`; used while that is switched off.
         measured: (2, n) measured force (N) and diameter (m); NaN where no sample is compared.
         settings: thresholds of the diagnosis.
-        evaluations: results at recent parameter values.
+        evaluations: cached results at recent parameter values.
     """
 
     case: Case
@@ -136,7 +140,18 @@ class LibraryProblem:
 
     def predict(self, values: np.ndarray) -> np.ndarray:
         """Return the predicted force (N) and diameter (m), (2, n), at parameter values (p,), SI."""
-        return self.predict_with_jacobian(values, ())[0]
+        active_ids = self.find_active_mechanisms(values)
+        key, evaluation = self._find_evaluation(values, active_ids)
+        if _PREDICTION_ALONE not in evaluation.predictions:
+            with_memory = jnp.asarray(bool(_MECHANISMS_WITH_MEMORY & active_ids))
+            prediction = programs.run_compiled(
+                _predict_channels, self._choose_dataset(active_ids), jnp.asarray(values), with_memory
+            )
+            evaluation = evaluation.merge(
+                {_PREDICTION_ALONE: np.array(np.asarray(prediction)[:, : self.n])}, {}
+            )
+            self.evaluations.put(key, evaluation)
+        return evaluation.predictions[_PREDICTION_ALONE]
 
     def find_active_mechanisms(self, values: np.ndarray) -> set[str]:
         """Return the ids of the mechanisms that are switched on at these values."""
@@ -146,61 +161,63 @@ class LibraryProblem:
         }
 
     def start_compilation(self) -> None:
-        """Start to compile the programs in parallel; the first use of each waits for it."""
+        """Start to compile the programs, two at a time; the first use of each waits for it.
+
+        The prediction with tapered ends is compiled when it is needed: many diagnoses never use it.
+        """
+        programs.start_compilation(
+            _predict_channels, self.reduced_dataset, jnp.asarray(self.neutral), jnp.asarray(True)
+        )
         for dataset in (self.reduced_dataset, self.dataset):
             programs.start_compilation(
                 _sweep_derivatives, *_pack_sweep_arguments(dataset, self.neutral, (), True)
             )
-        programs.start_compilation(
-            _predict_channels, self.reduced_dataset, jnp.asarray(self.neutral), jnp.asarray(True)
-        )
 
     def predict_with_jacobian(self, values: np.ndarray, indices) -> tuple[np.ndarray, np.ndarray]:
         """Return the prediction, (2, n), and its derivatives by some parameters, (k, 2, n), SI.
 
-        Results at recent values are not computed again.
+        It agrees with `predict` to rounding.
         """
         indices = [int(k) for k in indices]
-        ids = self.find_active_mechanisms(values) | {_get_mechanism_id(self.names[k]) for k in indices}
-        dataset = self.dataset if COSTLIEST_MECHANISM in ids else self.reduced_dataset
-        key = values.tobytes(), dataset is self.dataset
-        evaluation = self.evaluations.get(key)
+        if not indices:
+            return self.predict(values), np.empty((0, 2, self.n))
+        active_ids = self.find_active_mechanisms(values)
+        ids = active_ids | {_get_mechanism_id(self.names[k]) for k in indices}
+        key, evaluation = self._find_evaluation(values, ids)
+        has_memory = {
+            k: bool(_MECHANISMS_WITH_MEMORY & (active_ids | {_get_mechanism_id(self.names[k])}))
+            for k in indices
+        }
         missing = [k for k in indices if k not in evaluation.derivatives]
-        if missing:
-            evaluation = self.evaluations.add(key, *self._compute_derivatives(dataset, values, missing))
-        if evaluation.prediction is None:
-            evaluation = self.evaluations.add(key, self._compute_prediction(dataset, values), {})
-        assert evaluation.prediction is not None
-        jacobian = [evaluation.derivatives[k] for k in indices]
-        return evaluation.prediction, np.stack(jacobian) if jacobian else np.empty((0, 2, self.n))
-
-    def _compute_prediction(self, dataset: Dataset, values: np.ndarray) -> np.ndarray:
-        with_memory = bool(_MECHANISMS_WITH_MEMORY & self.find_active_mechanisms(values))
-        prediction = programs.run_compiled(
-            _predict_channels, dataset, jnp.asarray(values), jnp.asarray(with_memory)
-        )
-        return np.array(prediction[:, : self.n])
-
-    def _compute_derivatives(
-        self, dataset: Dataset, values: np.ndarray, indices: Sequence[int]
-    ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-        """Return the prediction, and its derivatives by index of the parameter."""
-        active_ids, derivatives = self.find_active_mechanisms(values), {}
-        has_memory = [
-            bool(_MECHANISMS_WITH_MEMORY & (active_ids | {_get_mechanism_id(self.names[k])})) for k in indices
-        ]
         for with_memory in (False, True):
-            group = [k for k, memory in zip(indices, has_memory, strict=True) if memory == with_memory]
+            group = [k for k in missing if has_memory[k] == with_memory]
             for start in range(0, len(group), _DERIVATIVES_PER_SWEEP):
                 batch = group[start : start + _DERIVATIVES_PER_SWEEP]
-                prediction, jacobian = self._run_sweep(dataset, values, batch, with_memory)
+                prediction, jacobian = self._run_sweep(self._choose_dataset(ids), values, batch, with_memory)
                 # Copies: the arrays of the program have empty rows and slots.
-                derivatives |= {k: np.array(column) for k, column in zip(batch, jacobian, strict=True)}
-        return np.array(prediction), derivatives
+                columns = {k: np.array(column) for k, column in zip(batch, jacobian, strict=True)}
+                evaluation = evaluation.merge({with_memory: np.array(prediction)}, columns)
+        if missing:
+            self.evaluations.put(key, evaluation)
+        # The program is that of the parameters, so that the result does not depend on earlier evaluations.
+        prediction = evaluation.predictions[max(has_memory.values())]
+        return prediction, np.stack([evaluation.derivatives[k] for k in indices])
+
+    def _choose_dataset(self, mechanism_ids: Collection[str]) -> Dataset:
+        """Return the dataset of the smallest program with these mechanisms."""
+        return self.dataset if COSTLIEST_MECHANISM in mechanism_ids else self.reduced_dataset
+
+    def _find_evaluation(
+        self, values: np.ndarray, mechanism_ids: Collection[str]
+    ) -> tuple[Hashable, CachedEvaluation]:
+        """Return the key and the cached results at parameter values, by the program of some mechanisms."""
+        key = values.tobytes(), COSTLIEST_MECHANISM in mechanism_ids
+        return key, self.evaluations.get(key)
 
     def _run_sweep(
         self, dataset: Dataset, values: np.ndarray, indices: Sequence[int], with_memory: bool
     ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the prediction, (2, n), and its derivatives, (k, 2, n), of one sweep."""
         prediction, jacobian = programs.run_compiled(
             _sweep_derivatives, *_pack_sweep_arguments(dataset, values, indices, with_memory)
         )

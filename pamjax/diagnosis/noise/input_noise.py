@@ -37,7 +37,7 @@ from pamjax.model.registry import MECHANISMS
 _INPUT_NOISE_DRAWS, _INPUT_NOISE_SEED = 4, 7
 
 
-#: The problem with each draw of input noise. They stay, because each keeps its recent evaluations.
+#: The problem with each draw of input noise. Cached, because each has a cache of evaluations.
 _perturbed_problems: WeakKeyDictionary[LibraryProblem, list[LibraryProblem]] = WeakKeyDictionary()
 
 #: Mechanisms whose effect depends on the inputs of other samples.
@@ -101,7 +101,10 @@ def _propagate_without_memory(problem: LibraryProblem, values: np.ndarray) -> li
         has_memory = np.array([_mixes_samples(name) for name in problem.names])
         static_values = np.where(has_memory & problem.is_switch, problem.neutral, values)
         prediction = problem.predict(static_values)
-        return [_perturb_problem(problem, *draw).predict(static_values) - prediction for draw in draws]
+        return [
+            perturbed_problem.predict(static_values) - prediction
+            for perturbed_problem in _get_perturbed_problems(problem)
+        ]
     by_pressure, by_length = (
         np.asarray(s)[:, : problem.n] for s in compute_sensitivities(problem.dataset, jnp.asarray(values))
     )
@@ -123,10 +126,20 @@ def build_perturbed_problems(problem: LibraryProblem, values: np.ndarray) -> lis
     """Return the problem with each draw of input noise added; empty without memory or input noise."""
     if not _has_memory(problem, values) or not any(_get_input_noise_sd(problem)):
         return []
+    return _get_perturbed_problems(problem)
+
+
+def clear_evaluations(problem: LibraryProblem) -> None:
+    """Drop the cached evaluations of a problem, and of the problem with input noise."""
+    problem.evaluations.clear()
+    _perturbed_problems.pop(problem, None)
+
+
+def _get_perturbed_problems(problem: LibraryProblem) -> list[LibraryProblem]:
     if problem not in _perturbed_problems:
-        _perturbed_problems[problem] = [
-            _perturb_problem(problem, *draw) for draw in _sample_input_noise(problem)
-        ]
+        perturbed_problems = [_perturb_problem(problem, *draw) for draw in _sample_input_noise(problem)]
+        # All threads use the problems of the first.
+        return _perturbed_problems.setdefault(problem, perturbed_problems)
     return _perturbed_problems[problem]
 
 

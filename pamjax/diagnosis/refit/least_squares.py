@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.infer.noise.noise_model import NoiseModel
+from pamjax.infer.problem.unit_diagonal import invert_scaled
 
 #: Standard deviation that stands for a parameter without a prior.
 UNINFORMATIVE_PRIOR_SD = 1e30
@@ -56,9 +57,7 @@ class MapEstimate:
             variance_inflation: factor on the variance of the samples; the priors keep theirs.
         """
         information = self.jacobian.T @ self.jacobian / variance_inflation + np.diag(1 / self.prior_sd**2)
-        # Scaled to a unit diagonal: newtons and pascals are many orders of magnitude apart.
-        unit = np.sqrt(np.maximum(np.diag(information), 1e-300))
-        inverse = np.linalg.pinv(information / np.outer(unit, unit), rcond=1e-12, hermitian=True)
+        inverse, unit = invert_scaled(information)
         return inverse / np.outer(unit, unit) * np.outer(self.scale, self.scale)
 
 
@@ -164,7 +163,7 @@ def evaluate_estimate(
 
 
 @dataclass(frozen=True, eq=False)
-class _Evaluation:
+class _WhitenedEvaluation:
     values: np.ndarray
     scale: np.ndarray
     residual: np.ndarray
@@ -190,9 +189,9 @@ class _ResidualEvaluator:
         self.problem, self.noise, self.free, self.values = problem, noise, list(free), values
         self.start = transform_to_coordinates(problem, self.free, values)
         self.point: np.ndarray | None = None
-        self.evaluation: _Evaluation | None = None
+        self.evaluation: _WhitenedEvaluation | None = None
 
-    def __call__(self, x: np.ndarray) -> _Evaluation:
+    def __call__(self, x: np.ndarray) -> _WhitenedEvaluation:
         if self.evaluation is None or self.point is None or not np.array_equal(self.point, x):
             log = self.problem.is_logarithmic[self.free]
             trial = self.values.copy()
@@ -204,7 +203,7 @@ class _ResidualEvaluator:
             # A sample without a solution counts as a large misfit with zero derivative.
             residual = np.nan_to_num(self.noise.whiten(self.problem.measured - prediction), nan=1e3)
             jacobian = (np.nan_to_num(self.noise.whiten(model_jacobian)) * scale[:, None]).T
-            self.point, self.evaluation = x.copy(), _Evaluation(trial, scale, residual, jacobian)
+            self.point, self.evaluation = x.copy(), _WhitenedEvaluation(trial, scale, residual, jacobian)
         return self.evaluation
 
     def build_estimate(self, x: np.ndarray) -> MapEstimate:

@@ -1,4 +1,4 @@
-"""Results at recent parameter values are kept, and are those of a new computation."""
+"""Cached results at recent parameter values equal computed ones."""
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from pamjax.benchmark.inject_effect import inject_effects
-from pamjax.diagnosis.library import evaluation_cache
-from pamjax.diagnosis.library.evaluation_cache import EvaluationCache
+from pamjax.diagnosis.library import evaluation_cache, library_problem
+from pamjax.diagnosis.library.evaluation_cache import CachedEvaluation, EvaluationCache
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from tests.diagnosis.bank import build_setup
 
@@ -19,39 +19,54 @@ def build_result(value: float) -> np.ndarray:
     return np.full((2, ROWS), value)
 
 
-def test_new_derivatives_are_added_to_known_results():
+def put(cache: EvaluationCache, key: str, derivatives: dict[int, float] | None = None) -> None:
+    columns = {k: build_result(value) for k, value in (derivatives or {}).items()}
+    cache.put(key, CachedEvaluation({"alone": build_result(1.0)}, columns))
+
+
+def test_new_derivatives_are_added_to_cached_results():
     cache = EvaluationCache()
-    assert cache.get("a").prediction is None
-    cache.add("a", build_result(1.0), {3: build_result(2.0)})
-    cache.add("a", build_result(9.0), {5: build_result(4.0)})
+    assert not cache.get("a").predictions
+    put(cache, "a", {3: 2.0})
+    cache.put("a", CachedEvaluation({True: build_result(9.0)}, {5: build_result(4.0)}))
     evaluation = cache.get("a")
-    assert np.all(evaluation.prediction == 1.0)
+    assert {k: float(p[0, 0]) for k, p in evaluation.predictions.items()} == {"alone": 1.0, True: 9.0}
     assert {k: float(d[0, 0]) for k, d in evaluation.derivatives.items()} == {3: 2.0, 5: 4.0}
+    cache.clear()
+    assert not cache.get("a").predictions
 
 
 def test_oldest_results_are_dropped(monkeypatch):
     monkeypatch.setattr(evaluation_cache, "_MAX_BYTES", 3 * build_result(0).nbytes)
     cache = EvaluationCache()
     for key in "abc":
-        cache.add(key, build_result(0.0), {})
+        put(cache, key)
     cache.get("a")
-    cache.add("d", build_result(0.0), {})
-    assert [key for key in "abcd" if cache.get(key).prediction is not None] == ["a", "c", "d"]
-    cache.add("e", build_result(0.0), dict.fromkeys(range(9), build_result(1.0)))
-    assert [key for key in "abcde" if cache.get(key).prediction is not None] == ["e"]
+    put(cache, "d")
+    assert [key for key in "abcd" if cache.get(key).predictions] == ["a", "c", "d"]
+    put(cache, "e", dict.fromkeys(range(9), 1.0))
+    assert [key for key in "abcde" if cache.get(key).predictions] == ["e"]
 
 
 def test_threads_lose_no_derivative():
     cache = EvaluationCache()
     with ThreadPoolExecutor(8) as pool:
-        list(pool.map(lambda k: cache.add("a", build_result(1.0), {k: build_result(k)}), range(200)))
+        list(pool.map(lambda k: put(cache, "a", {k: 1.0}), range(200)))
     assert sorted(cache.get("a").derivatives) == list(range(200))
+
+
+def test_cached_results_cannot_be_changed():
+    cache = EvaluationCache()
+    put(cache, "a", {3: 2.0})
+    for array in (cache.get("a").predictions["alone"], cache.get("a").derivatives[3]):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 5.0
 
 
 def test_pickled_cache_is_empty():
     cache = EvaluationCache()
-    cache.add("a", build_result(1.0), {})
-    assert pickle.loads(pickle.dumps(cache)).get("a").prediction is None
+    put(cache, "a")
+    assert not pickle.loads(pickle.dumps(cache)).get("a").predictions
 
 
 @pytest.fixture(scope="module")
@@ -59,38 +74,72 @@ def problem() -> LibraryProblem:
     return build_library_problem(inject_effects(0, np.random.default_rng(5), setup=build_setup()).case)
 
 
+def choose_parameters(problem: LibraryProblem, *names: str) -> list[int]:
+    return [problem.index(name) for name in names]
+
+
 @pytest.mark.slow
-def test_known_results_are_those_of_a_new_computation(problem):
+@pytest.mark.parametrize(("switch", "value"), [("braid_friction.coefficient", 0.1), ("force_gain.gain", 1.1)])
+def test_cached_results_equal_computed_ones(problem, switch, value):
     values = problem.neutral.copy()
-    values[problem.index("braid_friction.coefficient")] = 0.1
-    names = ("muscle.turns", "force_gain.gain", "braid_friction.coefficient", "muscle.thread_length")
-    indices = [problem.index(name) for name in names]
-    problem.predict_with_jacobian(values, indices[:2])
-    prediction, jacobian = problem.predict_with_jacobian(values, indices)
-    problem.evaluations.__init__()
-    new_prediction, new_jacobian = problem.predict_with_jacobian(values, indices)
-    np.testing.assert_allclose(prediction, new_prediction, rtol=1e-12)
-    np.testing.assert_allclose(jacobian, new_jacobian, rtol=1e-9, atol=1e-12 * np.abs(new_jacobian).max())
+    values[problem.index(switch)] = value
+    indices = choose_parameters(problem, "muscle.turns", "force_gain.gain", "braid_friction.coefficient")
+    problem.evaluations.clear()
+    problem.predict_with_jacobian(values, indices[1:2])
+    problem.predict(values)
+    results = problem.predict_with_jacobian(values, indices)
+    problem.evaluations.clear()
+    for result, computed in zip(results, problem.predict_with_jacobian(values, indices), strict=True):
+        assert np.array_equal(result, computed)
 
 
 @pytest.mark.slow
-def test_known_results_need_no_program(problem, monkeypatch):
-    prediction, jacobian = problem.predict_with_jacobian(problem.neutral, [0, 1])
-    monkeypatch.setattr(LibraryProblem, "_compute_derivatives", None)
-    monkeypatch.setattr(LibraryProblem, "_compute_prediction", None)
-    again, again_jacobian = problem.predict_with_jacobian(problem.neutral.copy(), [1, 0])
+def test_cached_results_need_no_program(problem, monkeypatch):
+    values = problem.neutral
+    alone, (prediction, jacobian) = problem.predict(values), problem.predict_with_jacobian(values, [0, 1])
+    monkeypatch.setattr(library_problem.programs, "run_compiled", None)
+    again, again_jacobian = problem.predict_with_jacobian(values.copy(), [1, 0])
     assert np.array_equal(again, prediction)
     assert np.array_equal(again_jacobian, jacobian[::-1])
-    assert np.array_equal(problem.predict(problem.neutral), prediction)
+    assert np.array_equal(problem.predict(values), alone)
 
 
 @pytest.mark.slow
-def test_prediction_program_agrees_with_that_of_the_derivatives(problem):
-    for name, value in (("force_gain.gain", 1.1), ("braid_friction.coefficient", 0.2)):
-        values = problem.neutral.copy()
-        values[problem.index(name)] = value
-        problem.evaluations.__init__()
-        alone = problem.predict(values)
-        problem.evaluations.__init__()
-        with_derivatives, _ = problem.predict_with_jacobian(values, [problem.index(name)])
-        np.testing.assert_allclose(alone, with_derivatives, rtol=1e-11)
+def test_results_that_are_dropped_during_a_computation_are_returned(problem, monkeypatch):
+    expected = problem.predict_with_jacobian(problem.neutral, [0, 1])[1]
+    problem.evaluations.clear()
+    problem.predict_with_jacobian(problem.neutral, [0])
+    run = problem._run_sweep
+
+    def drop_and_run(*args):
+        problem.evaluations.clear()
+        return run(*args)
+
+    monkeypatch.setattr(LibraryProblem, "_run_sweep", lambda self, *args: drop_and_run(*args))
+    assert np.array_equal(problem.predict_with_jacobian(problem.neutral, [0, 1])[1], expected)
+
+
+@pytest.mark.slow
+def test_channel_without_an_effect_is_exactly_unchanged(problem):
+    """A form error is scaled by the effect of its mechanism: rounding must not look like an effect."""
+    values = problem.neutral.copy()
+    values[problem.index("force_gain.gain")] = 1.1
+    for clear in (True, False):
+        problem.predict_with_jacobian(values, [0, problem.index("force_gain.gain")])
+        if clear:
+            problem.evaluations.clear()
+        change = problem.predict(values) - problem.predict(problem.neutral)
+        assert change[0].all()
+        assert not change[1].any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("force_gain.gain", 1.1), ("braid_friction.coefficient", 0.2), ("end_taper.share", 0.5)],
+)
+def test_both_programs_agree(problem, name, value):
+    values = problem.neutral.copy()
+    values[problem.index(name)] = value
+    prediction, _ = problem.predict_with_jacobian(values, [problem.index(name)])
+    np.testing.assert_allclose(problem.predict(values), prediction, rtol=1e-11)

@@ -24,7 +24,7 @@ from tests.diagnosis.noise.test_input_noise import (
 LATE, MANY = 0.12, 40
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Measured(Delayed):
     """The delayed spring as a recording with noise of length and force."""
 
