@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-#: Size of the cached arrays, bytes: forty evaluations of 5,000 rows with six derivatives.
-_MAX_BYTES = 24_000_000
+#: Size of the cached arrays, bytes: fourteen evaluations of 5,000 rows with six derivatives. More saves nothing.
+_MAX_BYTES = 8_000_000
 
 
 @dataclass(frozen=True, eq=False)
