@@ -12,6 +12,8 @@ import pytest
 from pamjax import jit
 from pamjax.jit import compile_on_call, get_default_device, list_compiler_options
 
+on_cpu = pytest.mark.skipif("jax.default_backend() != 'cpu'", reason="other devices have no options")
+
 
 @compile_on_call
 def double(x, *, name="a"):
@@ -30,6 +32,7 @@ def test_arguments_that_are_not_arrays_are_static():
     assert double(jnp.ones(1), name="b").tolist() == [3.0]
 
 
+@on_cpu
 def test_only_options_that_xla_knows_are_used(monkeypatch):
     known = {"xla_disable_hlo_passes": "while-loop-invariant-code-motion"}
     monkeypatch.setattr(jit, "COMPILER_OPTIONS", {"xla_cpu_of_no_version": False, **known})
@@ -40,6 +43,7 @@ def test_only_options_that_xla_knows_are_used(monkeypatch):
         jit._list_known_options.cache_clear()
 
 
+@on_cpu
 def test_jax_rejects_options_within_another_program():
     """If this fails, `compile_on_call` needs no second program."""
     inner = jax.jit(lambda x: 2 * x, compiler_options=list_compiler_options())

@@ -43,6 +43,10 @@ from pamjax.model.status import StatusCode
 #: threads stretch to 50 times their length.
 BURST_LOAD_SHARE = 0.98
 
+#: Slope, N per strain, below which a thread law does not rise: a division by it overflows. The tail of a
+#: normal distribution is smaller. A CPU rounds it to zero, a GPU does not.
+_MIN_SLOPE = 1e-300
+
 
 class Status(StatusCode):
     """Status of the solution of one state."""
@@ -138,7 +142,7 @@ def solve_strain(residual: Callable[[Array], Array], start: Array, steps: int = 
 
     def divide(value, slope):
         # Where the function does not rise, step and derivative are zero.
-        return value / jnp.where(slope > 0, slope, jnp.inf)
+        return value / jnp.where(slope > _MIN_SLOPE, slope, jnp.inf)
 
     def solve(function, x):
         for _ in range(steps):

@@ -17,6 +17,10 @@ import pamjax.compile.aot_cache as under_test
 from pamjax.compile.aot_cache import load_or_compile
 from tests.agreement import agree
 
+pytestmark = pytest.mark.skipif(
+    "jax.default_backend() != 'cpu'", reason="traced programs are cached for the CPU only"
+)
+
 
 class Scale(eqx.Module):
     """A factor with a name, which is part of the program."""

@@ -274,3 +274,14 @@ def test_every_status_has_a_description():
         "no radius: the muscle is longer than its threads",
         "not converged: the error of the thread balance exceeds its tolerance",
     }
+
+
+@pytest.mark.parametrize(("slope", "expected"), [(2.0, 0.5), (0.0, 0.0), (1e-304, 0.0)])
+def test_derivative_is_finite_where_the_load_hardly_rises(slope, expected):
+    """A GPU keeps slopes near the smallest number, by which the division of a pull overflows."""
+
+    def strain(pull):
+        return solve_strain(lambda strain: slope * strain - pull, jnp.asarray(0.0))
+
+    for differentiate in (jax.grad, jax.jacfwd):
+        assert float(differentiate(lambda x: strain(1e6 * x))(0.0)) == expected * 1e6
