@@ -12,8 +12,9 @@ from typing import NoReturn
 from cyclopts import App, CycloptsError
 
 from pamjax.cli.help import ParagraphFormatter
-from pamjax.cli.process import choose_device, describe_missing_device, prepare_streams
+from pamjax.cli.process import describe_missing_device, prepare_streams
 from pamjax.cli.usage_errors import format_usage_error, name_options
+from pamjax.compile.platform import choose_platform
 from pamjax.errors import BadInput
 
 #: Exit codes: success, bad input, interruption by Ctrl-C, termination by another process.
@@ -79,7 +80,8 @@ def main(arguments: list[str] | None = None) -> int:
     prepare_streams()
     # Suppress XLA's warnings about slow compilation. Errors still raise exceptions.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-    choose_device()
+    # Child processes of the command inherit the choice.
+    os.environ.update(choose_platform(os.environ))
     store_command(sys.argv[1:] if arguments is None else arguments)
     try:
         with defer_interrupts():

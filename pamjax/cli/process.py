@@ -68,16 +68,6 @@ def prepare_streams() -> None:
             stream.reconfigure(errors="pamjax_plain")
 
 
-def choose_device() -> None:
-    """Let JAX use the CPU, unless the user chose a platform.
-
-    A command runs many small programs, which are slower on a GPU. On a GPU, JAX also reserves three quarters
-    of its memory for each process. The child processes of a command make the same choice.
-    """
-    if "JAX_PLATFORM_NAME" not in os.environ:
-        os.environ.setdefault("JAX_PLATFORMS", "cpu")
-
-
 def describe_missing_device() -> str:
     """Return the message for a platform of JAX_PLATFORMS without a device; empty if JAX has its devices."""
     platforms = os.environ.get("JAX_PLATFORMS", "")

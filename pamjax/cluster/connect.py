@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pamjax.compile.platform import choose_platform
 from pamjax.errors import BadInput, check_minimum
 from pamjax.units import format_count
 
@@ -82,10 +83,7 @@ def start_cluster(workers: int | None = None, memory: str | None = None) -> Iter
     if workers is not None:
         check_minimum("workers", workers, 1)
     limit = "auto" if memory is None else parse_memory(memory)
-    # Several processes on one GPU may exceed its memory: JAX reserves three quarters for each.
-    environment = {"TF_CPP_MIN_LOG_LEVEL": "3"}
-    if "JAX_PLATFORM_NAME" not in os.environ:
-        environment["JAX_PLATFORMS"] = os.environ.get("JAX_PLATFORMS", "cpu")
+    environment = {"TF_CPP_MIN_LOG_LEVEL": "3", **choose_platform(os.environ)}
     no_dashboard: Any = None
     with (
         dask.config.set(_EMBEDDED_SETTINGS),

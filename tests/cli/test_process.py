@@ -8,7 +8,8 @@ import time
 
 import pytest
 
-from pamjax.cli.process import choose_device, replace_characters
+from pamjax.cli.main import main
+from pamjax.cli.process import replace_characters
 
 pytestmark = pytest.mark.slow
 
@@ -94,22 +95,6 @@ def test_platform_without_a_device_is_one_line(bench):
     )
 
 
-@pytest.mark.parametrize(
-    ("settings", "platforms"),
-    [
-        ({}, "cpu"),
-        ({"JAX_PLATFORMS": "cuda"}, "cuda"),
-        ({"JAX_PLATFORMS": ""}, ""),
-        ({"JAX_PLATFORM_NAME": "cuda"}, None),
-    ],
-)
-def test_command_uses_the_processor_unless_the_user_chose_a_platform(settings, platforms, monkeypatch):
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX_PLATFORM")}
-    monkeypatch.setattr(os, "environ", environment | settings)
-    choose_device()
-    assert os.environ.get("JAX_PLATFORMS") == platforms
-
-
 @pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals")
 @pytest.mark.parametrize(
     ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
@@ -143,3 +128,13 @@ def test_interruption_while_modules_load_is_one_line():
     )
     assert process.returncode == 130
     assert process.stderr == "pamjax: interrupted; no incomplete file was written\n"
+
+
+@pytest.mark.parametrize(("chosen", "platform"), [(None, "cpu"), ("cuda", "cuda")])
+def test_command_uses_the_cpu_unless_the_user_chose_a_platform(chosen, platform, monkeypatch):
+    monkeypatch.delenv("JAX_PLATFORM_NAME", raising=False)
+    monkeypatch.delenv("JAX_PLATFORMS", raising=False)
+    if chosen:
+        monkeypatch.setenv("JAX_PLATFORMS", chosen)
+    assert main(["explain", "braid_friction"]) == 0
+    assert os.environ["JAX_PLATFORMS"] == platform

@@ -27,7 +27,7 @@ _MAX_WARMUP_DURATIONS = 3
 
 @dataclass(frozen=True, eq=False)
 class LibraryParameters:
-    """Parameters of the baseline, of all mechanisms and of length errors.
+    """The p parameters of a recording: of the baseline, of all mechanisms and of length errors.
 
     Attributes:
         names: (p,) names.

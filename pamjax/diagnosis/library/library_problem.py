@@ -32,7 +32,6 @@ from pamjax.jit import compile_on_call
 from pamjax.model.assembly import resolve_bench_law
 from pamjax.model.bench import HISTORY_DEPENDENT
 from pamjax.model.registry import MECHANISMS
-from pamjax.parameter import Meaning
 from pamjax.records.case import Case
 from pamjax.records.fixed_length import average_fixed_lengths
 
@@ -51,7 +50,6 @@ _DERIVATIVES_PER_PASS, _DERIVATIVES_PER_LONG_PASS = 6, 3
 #: Most rows of a program that computes `_DERIVATIVES_PER_PASS` derivatives in parallel.
 _MAX_SHORT_ROWS = 5120
 
-
 #: Key of a prediction without derivatives. That of a sweep is whether mechanisms with memory act.
 _PREDICTION_ALONE = "alone"
 
@@ -63,22 +61,15 @@ _MECHANISMS_WITH_MEMORY = {kind.id for kind in MECHANISMS if issubclass(kind, HI
 
 
 @dataclass(frozen=True, eq=False)
-class LibraryProblem:
+class LibraryProblem(LibraryParameters):
     """A recording and the model of all mechanisms, with the prior and the limits of every parameter.
 
-    The p parameters are those of the baseline, of all mechanisms and of length errors. A candidate model is
-    a choice of free parameters; the others stay at `neutral`, where their mechanism is switched off.
+    A candidate model is a choice of free parameters; the others stay at `neutral`, where their mechanism is
+    switched off. The parameters of the baseline are free in every fit.
 
-    Attributes:
+    Attributes, besides those of `LibraryParameters`:
         case: the recording, with fixed lengths averaged, and the stated values of its muscle.toml.
         law: thread law of the baseline, "inelastic" or "elastic".
-        names: (p,) names of the parameters.
-        meanings: (p,) unit, scale, limits and neutral value of each parameter.
-        neutral: (p,) values of the baseline with every mechanism switched off, SI.
-        start: (p,) starting value of each parameter in a fit and mean of its prior, SI.
-        low, high: (p,) limits, SI.
-        prior_sd: (p,) standard deviation of the prior, SI; infinite without a prior.
-        is_baseline: (p,) whether the parameter belongs to the baseline and is free in every fit.
         dataset: arrays for the compiled program with all mechanisms.
         reduced_dataset: the same without `COSTLIEST_MECHANISM`; used while that is switched off.
         measured: (2, n) measured force (N) and diameter (m); NaN where no sample is compared.
@@ -88,14 +79,6 @@ class LibraryProblem:
 
     case: Case
     law: str
-    names: tuple[str, ...]
-    meanings: tuple[Meaning, ...]
-    neutral: np.ndarray
-    start: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    prior_sd: np.ndarray
-    is_baseline: np.ndarray
     dataset: Dataset
     reduced_dataset: Dataset
     measured: np.ndarray
@@ -301,20 +284,13 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
         dataset, mechanisms=tuple(id for id in mechanism_ids if id != COSTLIEST_MECHANISM)
     )
     return LibraryProblem(
-        case,
-        law,
-        parameters.names,
-        parameters.meanings,
-        parameters.neutral,
-        parameters.start,
-        parameters.low,
-        parameters.high,
-        parameters.prior_sd,
-        parameters.is_baseline,
-        dataset,
-        reduced_dataset,
-        _collect_measurements(case),
-        settings,
+        **vars(parameters),
+        case=case,
+        law=law,
+        dataset=dataset,
+        reduced_dataset=reduced_dataset,
+        measured=_collect_measurements(case),
+        settings=settings,
     )
 
 

@@ -95,7 +95,6 @@ def compute_input_noise_chi2_and_gradient(
 
 def _propagate_without_memory(problem: LibraryProblem, values: np.ndarray) -> list[np.ndarray]:
     """Return the change of the prediction of the muscle without memory by each draw, (2, n), SI."""
-    draws = _sample_input_noise(problem)
     if problem.case.recording.measures_length:
         # The length at a set force depends on its input through the memories only.
         has_memory = np.array([_mixes_samples(name) for name in problem.names])
@@ -108,7 +107,7 @@ def _propagate_without_memory(problem: LibraryProblem, values: np.ndarray) -> li
     by_pressure, by_length = (
         np.asarray(s)[:, : problem.n] for s in compute_sensitivities(problem.dataset, jnp.asarray(values))
     )
-    return [by_pressure * pressure + by_length * length for pressure, length in draws]
+    return [by_pressure * pressure + by_length * length for pressure, length in _sample_input_noise(problem)]
 
 
 def propagate_input_noise(problem: LibraryProblem, values: np.ndarray) -> np.ndarray | None:
