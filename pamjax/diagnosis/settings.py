@@ -321,6 +321,9 @@ class DiagnosisSettings:
     min_box_rms_ratio: float = _report(0.5, "share of the largest channel's rms", 0.0, 1.0,
         "Report a box of an effect on a channel if its rms there is at least this",
         "fewer boxes")
+    min_box_chi2: float = _report(4.0, "χ² of the effect", 0.0, 1e6,
+        "Report a box of an effect that the baseline does not absorb if its χ² is at least this",
+        "fewer boxes")
     min_channel_excess_share: float = _report(0.2, "share of the largest channel's excess", 0.0, 1.0,
         "Report a box of the unexplained misfit of a channel if that misfit is at least this",
         "fewer boxes")

@@ -53,14 +53,27 @@ def locate_effects(problem: LibraryProblem, baseline: ModelFit, fit: ModelFit) -
     boxes = []
     for candidate in fit.mechanisms:
         candidate_effect = compute_unabsorbed_effect(problem, fit, candidate)
-        sizes = [
-            compute_rms(fit.noise.standardise(candidate_effect, c), default=0.0) for c in range(len(CHANNELS))
+        standardised = [_standardise_channel(problem, fit, candidate_effect, c) for c in range(len(CHANNELS))]
+        boxes += [
+            _build_box(problem, baseline, axes, c, standardised[c] ** 2, candidate_effect[c])
+            for c in find_changed_channels(standardised, settings)
         ]
-        for c, size in enumerate(sizes):
-            if size > 0 and size >= settings.min_box_rms_ratio * max(sizes):
-                standardised = _standardise_channel(problem, fit, candidate_effect, c)
-                boxes.append(_build_box(problem, baseline, axes, c, standardised**2, candidate_effect[c]))
     return _divide_shares(problem, baseline, residual, boxes)
+
+
+def find_changed_channels(standardised: Sequence[np.ndarray], settings: DiagnosisSettings) -> list[int]:
+    """Return the channels on which an effect is large enough for a box.
+
+    Args:
+        standardised: (n,) effect over the noise, by channel; NaN where it was not measured.
+        settings: thresholds of the diagnosis.
+    """
+    sizes = [compute_rms(values, default=0.0) for values in standardised]
+    return [
+        c
+        for c, (values, size) in enumerate(zip(standardised, sizes, strict=True))
+        if size >= settings.min_box_rms_ratio * max(sizes) and np.nansum(values**2) >= settings.min_box_chi2
+    ]
 
 
 def locate_residual(problem: LibraryProblem, fit: ModelFit) -> list[Box]:

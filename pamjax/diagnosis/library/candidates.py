@@ -214,9 +214,16 @@ def _build_viscoelastic_creep(scales: RecordingScales) -> list[Candidate]:
 
 
 def _build_mullins_softening(scales: RecordingScales) -> list[Candidate]:
-    return [
-        Candidate("mullins_softening", ("mullins_softening.modulus",), {"mullins_softening.width": width})
-        for width in (0.08, 0.3)
+    name = "mullins_softening."
+    first_stretch = [
+        Candidate("mullins_softening", (f"{name}modulus",), {f"{name}width": width}) for width in (0.08, 0.3)
+    ]
+    if scales.is_isometric:
+        # At a fixed length the wall accumulates no energy.
+        return first_stretch
+    return first_stretch + [
+        Candidate("mullins_softening", (f"{name}cyclic_modulus",), {f"{name}cyclic_energy": energy})
+        for energy in (0.1, 0.5, 2.5)
     ]
 
 

@@ -5,6 +5,8 @@ locking    force of jammed threads against contraction
 friction   loops of force against contraction; strength against speed
 rubber     force of the bladder against contraction
 creep      relaxing stress against time
+softening  force of the part of the wall that softens, against contraction
+supply     pressure drop against flow
 """
 
 # Mechanisms take plain numbers here; their fields are typed as arrays.
@@ -12,9 +14,13 @@ creep      relaxing stress against time
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -24,6 +30,8 @@ from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.braid_friction import BraidFriction
 from pamjax.model.mechanisms.braid_locking import BraidLocking
 from pamjax.model.mechanisms.force_drift import ForceDrift
+from pamjax.model.mechanisms.mullins_softening import MullinsSoftening
+from pamjax.model.mechanisms.pressure_drop import PressureDrop
 from pamjax.model.mechanisms.viscoelastic_creep import ViscoelasticCreep
 from pamjax.model.state import Cylinder, State
 from pamjax.view.figures.mechanism_demo import DEMO_REST_LENGTH, DEMO_THREAD_LENGTH, DEMO_TURNS
@@ -49,14 +57,16 @@ Curves = dict[str, tuple[np.ndarray, np.ndarray]]
 def plot_refinements() -> Figure:
     """Return the figure: a panel for each mechanism with a refinement, and two for friction."""
     with apply_theme():
-        figure = create_figure(DOUBLE_COLUMN, 5.0)
-        panels = list(figure.subplots(2, 3).flat)
+        figure = create_figure(DOUBLE_COLUMN, 9.0)
+        panels = list(figure.subplots(4, 2).flat)
         _plot_curves(panels[0], "force_drift", compute_drifts(), "time [min]", "zero [N]")
         _plot_curves(panels[1], "braid_locking", compute_lockings(), "contraction [%]", "force [N]")
         _plot_curves(panels[2], "bladder_elasticity", compute_rubbers(), "contraction [%]", "force [N]")
         _plot_curves(panels[3], "braid_friction", compute_loops(), "contraction [%]", "force [N]")
         _plot_curves(panels[4], "braid_friction", compute_strengths(), "speed [mm/s]", "strength [1]")
         _plot_curves(panels[5], "viscoelastic_creep", compute_relaxations(), "time [s]", "stress [1]")
+        _plot_curves(panels[6], "mullins_softening", compute_softenings(), "contraction [%]", "force [N]")
+        _plot_curves(panels[7], "pressure_drop", compute_pressure_drops(), "flow [ml/s]", "drop [kPa]")
         for panel in (panels[0], panels[3]):
             # Room for the legend above the curves.
             low, high = panel.get_ylim()
@@ -161,6 +171,45 @@ def compute_relaxations() -> Curves:
     return curves
 
 
+def compute_softenings() -> Curves:
+    """Return the force of the softening part of the wall over three cycles, N, by form."""
+    contraction = 0.1 + 0.2 * np.abs((np.arange(361) / 60 + 1) % 2 - 1)
+    length = DEMO_REST_LENGTH * (1 - contraction)
+    steps = np.arange(length.size)
+    history, state = build_time_history(10.0 * steps, steps == 0), _build_state(length)
+    past = Past(state, *[jnp.zeros(length.size)] * 3)
+    forms = {
+        "first stretch": MullinsSoftening(0.1e6, **_TUBE),
+        "every cycle": MullinsSoftening(cyclic_modulus=0.1e6, cyclic_energy=2.0, **_TUBE),
+    }
+    curves: Curves = {}
+    for name, softening in forms.items():
+        strains = jax.vmap(lambda s, m=softening: m.strains(s, jnp.asarray(0.0)))(state)
+        stress = np.asarray(softening.stresses(history, strains, past))[:, 0]
+        slope = _compute_slope(lambda s, m=softening: m.strains(s, jnp.asarray(0.0))[0], length)
+        curves[name] = (100 * contraction, stress * slope)
+    return curves
+
+
+def compute_pressure_drops() -> Curves:
+    """Return the pressure drop, kPa, against the flow, by form."""
+    flow = np.linspace(-20, 20, 161)
+    volume = jnp.asarray(np.concatenate([[0.0], np.cumsum(0.5 * (flow[1:] + flow[:-1]))]) * 1e-6)
+    time = np.arange(flow.size, dtype=float)
+    nothing = jnp.zeros(flow.size)
+    state = eqx.tree_at(lambda s: s.volume, _build_state(np.full(flow.size, DEMO_REST_LENGTH)), volume)
+    past, history = Past(state, nothing, nothing, nothing), build_time_history(time, time == 0)
+    forms = {
+        "laminar": PressureDrop(impedance=2e8),
+        "turbulence": PressureDrop(turbulence=1e13),
+    }
+    inner = slice(5, -5)
+    return {
+        name: (flow[inner], -1e-3 * np.asarray(drop.pressure(history, past))[inner])
+        for name, drop in forms.items()
+    }
+
+
 def _build_state(length: np.ndarray) -> State:
     """Return the cylinder at some lengths, m."""
     values = jnp.asarray(length)
@@ -170,9 +219,13 @@ def _build_state(length: np.ndarray) -> State:
 def _compute_force(mechanism: AbstractStoredEnergy, stroke: float) -> tuple[np.ndarray, np.ndarray]:
     """Return contraction, %, and the force of a stored energy at constant thread length, N."""
     contraction = np.linspace(0, stroke, 150)
+    return 100 * contraction, _compute_slope(mechanism.energy, DEMO_REST_LENGTH * (1 - contraction))
 
-    def energy(length):
-        return mechanism.energy(Cylinder()(length, jnp.asarray(DEMO_THREAD_LENGTH), jnp.asarray(DEMO_TURNS)))
 
-    force = jax.vmap(jax.grad(energy))(jnp.asarray(DEMO_REST_LENGTH * (1 - contraction)))
-    return 100 * contraction, np.asarray(force)
+def _compute_slope(energy: Callable[[State], Array], length: np.ndarray) -> np.ndarray:
+    """Return the derivative of an energy of the state by the length, at constant thread length."""
+
+    def compute_energy(value):
+        return energy(Cylinder()(value, jnp.asarray(DEMO_THREAD_LENGTH), jnp.asarray(DEMO_TURNS)))
+
+    return np.asarray(jax.vmap(jax.grad(compute_energy))(jnp.asarray(length)))

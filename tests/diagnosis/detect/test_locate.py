@@ -10,6 +10,7 @@ from pamjax.diagnosis.detect.locate import (
     _divide_shares,
     _find_motion,
     _UnsharedBox,
+    find_changed_channels,
 )
 from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, RecordingAxes
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
@@ -152,3 +153,12 @@ def test_region_contains_the_middle_of_the_weight():
 )
 def test_direction_counts_above_fifteen_percent(short, long, still, word):
     assert _find_motion(DEFAULT_SETTINGS, np.array([-1, 1, 0]), np.array([short, long, still], float)) == word
+
+
+def test_an_absorbed_effect_has_no_box():
+    # χ² of 400 samples: 4 at 0.1 sd, 1 at 0.05 sd. A channel that was not measured has no effect.
+    unmeasured = np.full(400, np.nan)
+    assert find_changed_channels([np.full(400, 0.101), unmeasured], DEFAULT_SETTINGS) == [0]
+    assert find_changed_channels([np.full(400, 0.05), unmeasured], DEFAULT_SETTINGS) == []
+    assert find_changed_channels([np.full(400, 3.0), np.full(400, 1.0)], DEFAULT_SETTINGS) == [0]
+    assert find_changed_channels([np.full(400, 3.0), np.full(400, 2.0)], DEFAULT_SETTINGS) == [0, 1]

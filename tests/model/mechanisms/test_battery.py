@@ -318,7 +318,9 @@ def check_that_work_is_lost(kind, kinds, seed, share):
     numbers = {k: float(v) for k, v in list_values(model).items() if k in names}
     bare = shown(np.array(list(numbers.values())), *path(seed))
     # Relaxation of the total force has no material model: it may gain work under changing pressure.
-    relaxed = {k: 0.0 for k in names if k.endswith((".start", ".give", "creep.force"))}
+    # Cyclic softening may release what the wall stored at the first sample (its own test).
+    excluded = (".start", ".give", "creep.force", "softening.cyclic_modulus")
+    relaxed = {k: 0.0 for k in names if k.endswith(excluded)}
     numbers |= usual(model, kind, share) | relaxed
     outputs = shown(np.array(list(numbers.values())), *path(seed))
     lost = work(outputs, bare, *path(seed))

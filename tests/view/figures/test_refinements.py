@@ -6,7 +6,10 @@ import pytest
 from pamjax.view.figures import refinements
 from tests.agreement import SOLVED, agree
 
-CURVES = ("drifts", "lockings", "rubbers", "loops", "strengths", "relaxations")
+CURVES = (
+    *("drifts", "lockings", "rubbers", "loops", "strengths"),
+    *("relaxations", "softenings", "pressure_drops"),
+)
 
 
 @pytest.mark.parametrize("name", CURVES)
@@ -34,6 +37,21 @@ def test_loops_are_shifted_by_asymmetry_and_narrowed_by_speed():
     assert np.max(shifted) > 1.2 * np.max(even)
     assert np.min(shifted) > 0.8 * np.min(even)
     assert np.median(np.abs(fast)) < 0.8 * np.median(np.abs(even))
+
+
+def test_only_cyclic_softening_continues_after_the_first_cycle():
+    first, cyclic = (
+        force.reshape(3, -1)
+        for force in (force[:360] for _, force in refinements.compute_softenings().values())
+    )
+    # The third cycle against the second one.
+    agree(first[2], first[1], SOLVED, 1.0)
+    assert np.all(np.abs(cyclic[2]) < 0.8 * np.abs(cyclic[1]))
+
+
+def test_pressure_drop_is_proportional_to_flow_or_to_its_square():
+    for power, (flow, drop) in zip((1, 2), refinements.compute_pressure_drops().values(), strict=True):
+        agree(drop[-1] / drop[-31], (flow[-1] / flow[-31]) ** power, 1e-2)
 
 
 def test_every_panel_has_a_title_and_a_unit():
