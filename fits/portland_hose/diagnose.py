@@ -22,7 +22,10 @@ from repeatability_floor import measure_floor
 from pamjax.baselines.comparison import compare_models, save_comparison
 from pamjax.baselines.empirical import fit_sarosi
 from pamjax.compile.jax_cache import keep_compiled
+from pamjax.diagnosis.form_errors.fit import add_form_errors
+from pamjax.diagnosis.form_errors.prediction import predict_with_form_errors
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.result import Diagnosis, save_diagnosis
 from pamjax.diagnosis.run import diagnose
 from pamjax.errors import BadInput
@@ -43,12 +46,24 @@ def make_splits(diagnosis: Diagnosis) -> dict[str, list[np.ndarray]]:
     }
 
 
-def predict_named(diagnosis: Diagnosis, held_out: np.ndarray) -> np.ndarray:
-    """Return the force of the model with the named mechanisms, refitted without some rows, N."""
-    model = fit_with_misfit_weight(
+def refit_named(diagnosis: Diagnosis, held_out: np.ndarray) -> ModelFit:
+    """Return the model with the named mechanisms, refitted without some rows."""
+    return fit_with_misfit_weight(
         diagnosis.problem, ~held_out, diagnosis.model.mechanisms, diagnosis.model.estimate.values
     )
-    return diagnosis.problem.predict(model.estimate.values)[0]
+
+
+def predict_equations(diagnosis: Diagnosis, held_out: np.ndarray) -> np.ndarray:
+    """Return the force of the named mechanisms without form errors, refitted without some rows, N."""
+    return diagnosis.problem.predict(refit_named(diagnosis, held_out).estimate.values)[0]
+
+
+def predict_named(diagnosis: Diagnosis, held_out: np.ndarray) -> np.ndarray:
+    """Return the force of the named mechanisms with their form errors, refitted without some rows, N."""
+    problem = diagnosis.problem
+    model = add_form_errors(problem, refit_named(diagnosis, held_out))
+    prediction = predict_with_form_errors(problem, model)
+    return problem.predict(model.estimate.values)[0] if prediction is None else prediction.values[0]
 
 
 def predict_sarosi(diagnosis: Diagnosis, held_out: np.ndarray) -> np.ndarray:
@@ -65,11 +80,11 @@ def predict_sarosi(diagnosis: Diagnosis, held_out: np.ndarray) -> np.ndarray:
 
 
 #: Models that are scored, by their name in gains.json.
-MODELS = {"named": predict_named, "sarosi": predict_sarosi}
+MODELS = {"named": predict_named, "equations": predict_equations, "sarosi": predict_sarosi}
 
 
 def score_splits(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
-    """Return the rmse of both models on each split, and the largest error of the named model, N."""
+    """Return the rmse of each model on each split, and the largest error of the named model, N."""
     force = diagnosis.problem.measured[0]
     scores = {}
     for split, masks in make_splits(diagnosis).items():
