@@ -191,6 +191,7 @@ def _build_diagnosis(
     problem, unexplained = training.problem, confirmed_selection.unexplained
     selection, baseline, model = final_fit.selection, final_fit.baseline, final_fit.model
     training_fit = _fit_selection(problem, selection, training.mask)
+    form_prediction = predict_with_form_errors(problem, add_form_errors(problem, training_fit))
     noise_ratios = compute_noise_ratios(problem, model.estimate.values)
     return Diagnosis(
         problem=problem,
@@ -211,7 +212,7 @@ def _build_diagnosis(
         noise_ratios=noise_ratios,
         blocks=training.blocks,
         held_out_errors=compute_held_out_errors(
-            problem, training.blocks, ~training.mask, selection.baseline, training_fit
+            problem, training.blocks, ~training.mask, selection.baseline, training_fit, form_prediction
         ),
         parameters=_collect_mechanism_estimates(problem, model),
         parameter_shifts=_compute_parameter_shifts(problem, baseline, model)
@@ -225,7 +226,7 @@ def _build_diagnosis(
         ],
         experiments=experiments,
         form_errors=final_fit.form_errors,
-        form_prediction=predict_with_form_errors(problem, add_form_errors(problem, training_fit)),
+        form_prediction=form_prediction,
     )
 
 

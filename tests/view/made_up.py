@@ -6,7 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask, compute_held_out_errors
+from pamjax.diagnosis.crossval.held_out_errors import (
+    build_held_out_mask,
+    compute_held_out_errors,
+    compute_rmse,
+)
 from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.significance import ResidualTest
@@ -158,7 +162,13 @@ def add_form_error(result, share=0.1):
     rms = np.array([2.0, 0.0]) if share else np.zeros(2)
     part = FormErrorPart(share, 0.1 if share else 0.0, form, rms, np.array([20.0, 1e-9]))
     prediction = FormPrediction(result.held_out_errors.model_prediction + form, sd) if share else None
-    return replace(result, form_errors={"braid_friction": part}, form_prediction=prediction)
+    errors = result.held_out_errors
+    if prediction is not None:
+        rmse = compute_rmse(result.problem, prediction.values, errors.held_out_mask)
+        errors = replace(errors, model_prediction=prediction.values, model_rmse=rmse)
+    return replace(
+        result, form_errors={"braid_friction": part}, form_prediction=prediction, held_out_errors=errors
+    )
 
 
 def planned():

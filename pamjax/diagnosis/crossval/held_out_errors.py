@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pamjax.diagnosis.form_errors.prediction import FormPrediction
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
@@ -20,8 +21,9 @@ class HeldOutErrors:
     Attributes:
         block_description: the held-out blocks, in words.
         held_out_mask: (n,) whether a row is held out.
-        baseline_prediction, model_prediction: (2, n) force (N) and diameter (m) without and with the
-            mechanisms, by fits without the held-out rows.
+        baseline_prediction, model_prediction: (2, n) force (N) and diameter (m) without the mechanisms, and
+            with them and their form errors, by fits without the held-out rows.
+        equation_prediction: (2, n) the latter without form errors.
         baseline_rmse, model_rmse: by channel, SI, over held-out rows; without channels that have none.
     """
 
@@ -29,6 +31,7 @@ class HeldOutErrors:
     held_out_mask: np.ndarray
     baseline_prediction: np.ndarray
     model_prediction: np.ndarray
+    equation_prediction: np.ndarray
     baseline_rmse: dict[str, float]
     model_rmse: dict[str, float]
 
@@ -60,10 +63,21 @@ def compute_held_out_errors(
     held_out_mask: np.ndarray,
     baseline: ModelFit,
     fit: ModelFit,
+    form_prediction: FormPrediction | None = None,
 ) -> HeldOutErrors:
-    """Return the errors of a baseline and a model that were fitted without the held-out rows."""
+    """Return the errors of a baseline and a model that were fitted without the held-out rows.
+
+    Args:
+        problem: the recording and the library.
+        blocks: the blocks of the recording.
+        held_out_mask: (n,) whether a row is held out.
+        baseline: the fit without mechanisms.
+        fit: the fit with mechanisms.
+        form_prediction: its prediction with form errors; None if it has none.
+    """
     baseline_prediction = problem.predict(baseline.estimate.values)
-    model_prediction = problem.predict(fit.estimate.values)
+    equation_prediction = problem.predict(fit.estimate.values)
+    model_prediction = equation_prediction if form_prediction is None else form_prediction.values
     names = [blocks.names[k] for k in np.unique(blocks.label[held_out_mask]) if k >= 0]
     description = (
         f"{len(names)} of {len(blocks)} {blocks.kind}: {', '.join(names)}"
@@ -75,6 +89,7 @@ def compute_held_out_errors(
         held_out_mask,
         baseline_prediction,
         model_prediction,
+        equation_prediction,
         compute_rmse(problem, baseline_prediction, held_out_mask),
         compute_rmse(problem, model_prediction, held_out_mask),
     )

@@ -42,18 +42,15 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
     form = diagnosis.form_prediction
     if diagnosis.named_mechanisms:
         label = f"with {', '.join(name.id for name in diagnosis.named_mechanisms)}"
-        predictions.append(
-            (label, diagnosis.held_out_errors.model_prediction)
-            if form is None
-            else (f"{label} and form error", form.values)
-        )
+        label += " and form error" if form is not None else ""
+        predictions.append((label, diagnosis.held_out_errors.model_prediction))
     is_stacked = narrow and len(predictions) > 1
     with apply_theme():
         drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 5.6 if is_stacked else 3.4)
         shape = (len(predictions), 1) if narrow else (1, len(predictions))
         panels = list(drawing.subplots(*shape, sharex=True, sharey=True, squeeze=False).flat)
         for panel, (label, prediction) in zip(panels, predictions, strict=True):
-            if form is not None and prediction is form.values:
+            if form is not None and prediction is predictions[-1][1]:
                 _plot_band(panel, diagnosis, form, row_layout, channel_index)
             _plot_loops(panel, diagnosis, row_layout, channel_index, prediction[channel_index])
             rmse_text = format_channel_value(
@@ -169,7 +166,7 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
     )
     correction = to_display(
         channel,
-        diagnosis.held_out_errors.model_prediction[channel_index]
+        diagnosis.held_out_errors.equation_prediction[channel_index]
         - diagnosis.held_out_errors.baseline_prediction[channel_index],
     )
     contributions = [("contribution", correction, np.zeros_like(correction), OKABE_ITO["blue"])]

@@ -170,15 +170,14 @@ def _format_quantity(value: float, sd: float | None, meaning: Meaning) -> str:
 
 
 def _list_scores(diagnosis: Diagnosis, document: dict[str, Any]) -> Iterator[list[str]]:
-    problem, form = diagnosis.problem, diagnosis.form_prediction
-    form_rmse = (
-        {} if form is None else compute_rmse(problem, form.values, diagnosis.held_out_errors.held_out_mask)
-    )
+    errors = diagnosis.held_out_errors
+    equation_rmse = compute_rmse(diagnosis.problem, errors.equation_prediction, errors.held_out_mask)
     for channel, score in document["improvement"]["held_out"].items():
         if channel != "blocks":
             kinds = ["rmse_before", "rmse_after"] if document["missing_physics"] else ["rmse_before"]
             values = [score[kind] for kind in kinds]
-            values += [to_display(channel, form_rmse[channel])] if form_rmse else []
+            if diagnosis.form_prediction is not None:
+                values.insert(1, to_display(channel, equation_rmse[channel]))
             values.append(document["noise"][channel]["sd"])
             yield [channel, *(f"{value:.4g} {score['unit']}" for value in values)]
 
