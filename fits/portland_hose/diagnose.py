@@ -23,7 +23,7 @@ from pamjax.baselines.comparison import compare_models, save_comparison
 from pamjax.baselines.empirical import fit_sarosi
 from pamjax.compile.jax_cache import keep_compiled
 from pamjax.diagnosis.form_errors.fit import add_form_errors
-from pamjax.diagnosis.form_errors.prediction import predict_with_form_errors
+from pamjax.diagnosis.form_errors.prediction import predict_with_uncertainty
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.result import Diagnosis, save_diagnosis
@@ -60,10 +60,8 @@ def predict_equations(diagnosis: Diagnosis, held_out: np.ndarray) -> np.ndarray:
 
 def predict_named(diagnosis: Diagnosis, held_out: np.ndarray) -> np.ndarray:
     """Return the force of the named mechanisms with their form errors, refitted without some rows, N."""
-    problem = diagnosis.problem
-    model = add_form_errors(problem, refit_named(diagnosis, held_out))
-    prediction = predict_with_form_errors(problem, model)
-    return problem.predict(model.estimate.values)[0] if prediction is None else prediction.values[0]
+    model = add_form_errors(diagnosis.problem, refit_named(diagnosis, held_out))
+    return predict_with_uncertainty(diagnosis.problem, model).values[0]
 
 
 def predict_sarosi(diagnosis: Diagnosis, held_out: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.crossval.held_out_errors import HeldOutErrors, compute_rmse
 from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.significance import ResidualTest
-from pamjax.diagnosis.form_errors.prediction import FormPrediction
+from pamjax.diagnosis.form_errors.prediction import ModelPrediction
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.experiment import Experiment
 from pamjax.diagnosis.outside.template_fits import Likeness
@@ -108,7 +108,7 @@ class Diagnosis(DrawableResult, NotebookText):
     notes: list[str]
     experiments: list[Experiment]
     form_errors: dict[str, FormErrorPart] = field(default_factory=dict)
-    form_prediction: FormPrediction | None = None
+    form_prediction: ModelPrediction | None = None
 
     @property
     def settings(self) -> DiagnosisSettings:
@@ -298,6 +298,7 @@ def _serialise_held_out_errors(errors: HeldOutErrors) -> dict[str, Any]:
         c: {
             "rmse_before": to_display(c, errors.baseline_rmse[c]),
             "rmse_after": to_display(c, errors.model_rmse[c]),
+            "rmse_expected": to_display(c, errors.expected_rmse[c]) if c in errors.expected_rmse else None,
             "unit": DISPLAY_UNIT[c],
         }
         for c in errors.baseline_rmse

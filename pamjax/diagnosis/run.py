@@ -13,7 +13,11 @@ from pamjax.diagnosis.crossval.confirm_selection import (
     cross_validate_selection,
     format_dropped_mechanisms,
 )
-from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask, compute_held_out_errors
+from pamjax.diagnosis.crossval.held_out_errors import (
+    HeldOutErrors,
+    build_held_out_mask,
+    compute_held_out_errors,
+)
 from pamjax.diagnosis.detect.locate import locate_effects, locate_residual
 from pamjax.diagnosis.detect.residual_test import (
     is_residual_significant,
@@ -22,7 +26,11 @@ from pamjax.diagnosis.detect.residual_test import (
 )
 from pamjax.diagnosis.detect.significance import ResidualTest
 from pamjax.diagnosis.form_errors.fit import add_form_errors
-from pamjax.diagnosis.form_errors.prediction import describe_form_errors, predict_with_form_errors
+from pamjax.diagnosis.form_errors.prediction import (
+    ModelPrediction,
+    describe_form_errors,
+    predict_with_uncertainty,
+)
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.next_experiment.experiment import Experiment, propose_experiments
 from pamjax.diagnosis.noise.input_noise import clear_evaluations
@@ -117,6 +125,14 @@ class _FinalFit:
     form_errors: dict[str, FormErrorPart]
 
 
+@dataclass(frozen=True, eq=False)
+class _HeldOutTest:
+    """The prediction of the held-out rows by a fit without them, and its errors."""
+
+    prediction: ModelPrediction
+    errors: HeldOutErrors
+
+
 @use_one_blas_thread
 def diagnose(
     case: Case | str | Path,
@@ -170,11 +186,15 @@ def _diagnose_problem(problem: LibraryProblem, case: Case, seed: int, progress: 
     templates = _build_templates(training, case.recording.length)
     tested_selection = _test_against_templates(training, selection, templates)
     confirmed_selection = _cross_validate_on_blocks(training, tested_selection)
+    held_out_test = _test_held_out_rows(training, confirmed_selection.selection)
+    confirmed_selection = _doubt_failed_prediction(training, confirmed_selection, held_out_test.errors)
     final_fit = _fit_all_rows(problem, confirmed_selection.selection)
     notes = _list_selection_notes(tested_selection, confirmed_selection, settings)
     progress("proposing experiments", 0.9)
     experiments = propose_experiments(problem, final_fit.model, final_fit.selection.named_mechanisms)
-    diagnosis = _build_diagnosis(training, confirmed_selection, final_fit, templates, experiments, notes)
+    diagnosis = _build_diagnosis(
+        training, confirmed_selection, held_out_test, final_fit, templates, experiments, notes
+    )
     progress("done", 1.0)
     return diagnosis
 
@@ -182,6 +202,7 @@ def _diagnose_problem(problem: LibraryProblem, case: Case, seed: int, progress: 
 def _build_diagnosis(
     training: _Training,
     confirmed_selection: _TestedSelection,
+    held_out_test: _HeldOutTest,
     final_fit: _FinalFit,
     templates: Sequence[Template],
     experiments: list[Experiment],
@@ -190,8 +211,7 @@ def _build_diagnosis(
     """Return the result of all steps, with the places of the misfit and the errors on held-out blocks."""
     problem, unexplained = training.problem, confirmed_selection.unexplained
     selection, baseline, model = final_fit.selection, final_fit.baseline, final_fit.model
-    training_fit = _fit_selection(problem, selection, training.mask)
-    form_prediction = predict_with_form_errors(problem, add_form_errors(problem, training_fit))
+    prediction = held_out_test.prediction
     noise_ratios = compute_noise_ratios(problem, model.estimate.values)
     return Diagnosis(
         problem=problem,
@@ -211,9 +231,7 @@ def _build_diagnosis(
         residual_share=_compute_residual_share(problem, baseline, model),
         noise_ratios=noise_ratios,
         blocks=training.blocks,
-        held_out_errors=compute_held_out_errors(
-            problem, training.blocks, ~training.mask, selection.baseline, training_fit, form_prediction
-        ),
+        held_out_errors=held_out_test.errors,
         parameters=_collect_mechanism_estimates(problem, model),
         parameter_shifts=_compute_parameter_shifts(problem, baseline, model)
         if selection.named_mechanisms
@@ -226,7 +244,7 @@ def _build_diagnosis(
         ],
         experiments=experiments,
         form_errors=final_fit.form_errors,
-        form_prediction=form_prediction,
+        form_prediction=prediction if prediction.has_form_errors else None,
     )
 
 
@@ -276,13 +294,42 @@ def _cross_validate_on_blocks(training: _Training, tested_selection: _TestedSele
         if selection.model is tested_selection.selection.model
         else _test_selection(training, selection, tested_selection.replacement_notes)
     )
-    unexplained = confirmed_selection.unexplained or not is_predictive
-    if unexplained:
-        mechanisms = selection.named_mechanisms
-        ids = {mechanism.id for mechanism in mechanisms}
-        mechanisms = shrink_to_even_odds(mechanisms, problem.settings, ids)
-        selection = replace(selection, named_mechanisms=mechanisms)
-    return replace(confirmed_selection, selection=selection, unexplained=unexplained)
+    is_explained = is_predictive and not confirmed_selection.unexplained
+    return confirmed_selection if is_explained else _reduce_certainty(problem, confirmed_selection)
+
+
+def _test_held_out_rows(training: _Training, selection: Selection) -> _HeldOutTest:
+    """Return the prediction of the held-out rows by a fit of the selected model without them."""
+    problem = training.problem
+    fit = _fit_selection(problem, selection, training.mask)
+    prediction = predict_with_uncertainty(problem, add_form_errors(problem, fit))
+    errors = compute_held_out_errors(
+        problem, training.blocks, ~training.mask, selection.baseline, fit, prediction
+    )
+    return _HeldOutTest(prediction, errors)
+
+
+def _doubt_failed_prediction(
+    training: _Training, confirmed_selection: _TestedSelection, errors: HeldOutErrors
+) -> _TestedSelection:
+    """Return the selection; if held-out errors are too large, less certain and with an unexplained part."""
+    is_too_large = errors.largest_error_ratio > training.problem.settings.max_held_out_error_ratio
+    if (
+        not is_too_large
+        or confirmed_selection.unexplained
+        or not confirmed_selection.selection.named_mechanisms
+    ):
+        return confirmed_selection
+    return _reduce_certainty(training.problem, confirmed_selection)
+
+
+def _reduce_certainty(problem: LibraryProblem, tested_selection: _TestedSelection) -> _TestedSelection:
+    """Return the selection with less certain mechanisms and an unexplained part."""
+    mechanisms = tested_selection.selection.named_mechanisms
+    ids = {mechanism.id for mechanism in mechanisms}
+    mechanisms = shrink_to_even_odds(mechanisms, problem.settings, ids)
+    selection = replace(tested_selection.selection, named_mechanisms=mechanisms)
+    return replace(tested_selection, selection=selection, unexplained=True)
 
 
 def _test_selection(

@@ -298,6 +298,9 @@ class DiagnosisSettings:
     doubtful_certainty_share: float = _crossval(0.5, "share of the certainty", 0.0, 1.0,
         "Reduce the certainty of masked effects, or of all if misfit is unexplained, to this share",
         "higher probabilities in these cases")
+    max_held_out_error_ratio: float = _crossval(3.0, "expected rms error", 1.0, 1e6,
+        "Report an unexplained part if the error on held-out blocks is larger than this",
+        "fewer reports of unexplained misfit")
     held_out_interval: int = _crossval(5, "count", 2, 1000,
         "Hold out one block in this many",
         "fewer blocks are held out")

@@ -84,8 +84,18 @@ def _format_held_out_errors(diagnosis: Diagnosis) -> Iterator[str]:
         if not diagnosis.named_mechanisms:
             change = f"{baseline_rmse:.3g} {DISPLAY_UNIT[channel]} by the baseline"
         noise = to_display(channel, diagnosis.model.noise.compute_rms_sd(channels.index(channel)))
-        blocks = errors.block_description.split(":")[0]
-        yield f"  held-out rmse ({blocks}): {channel} {change}, noise {noise:.3g}"
+        blocks, expected = errors.block_description.split(":")[0], ""
+        if diagnosis.named_mechanisms and channel in errors.expected_rmse:
+            expected = f", expected {to_display(channel, errors.expected_rmse[channel]):.3g}"
+        yield f"  held-out rmse ({blocks}): {channel} {change}{expected}, noise {noise:.3g}"
+    if (
+        diagnosis.named_mechanisms
+        and errors.largest_error_ratio > diagnosis.settings.max_held_out_error_ratio
+    ):
+        yield (
+            f"  the held-out error is {errors.largest_error_ratio:.1f} times the expected one: physics is"
+            " missing, or a named mechanism is wrong"
+        )
     if diagnosis.named_mechanisms and not errors.baseline_rmse:
         yield (
             "  no block was held out (too few blocks): no independent rows confirm these mechanisms."

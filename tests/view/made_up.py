@@ -14,7 +14,7 @@ from pamjax.diagnosis.crossval.held_out_errors import (
 from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.significance import ResidualTest
-from pamjax.diagnosis.form_errors.prediction import FormPrediction
+from pamjax.diagnosis.form_errors.prediction import ModelPrediction
 from pamjax.diagnosis.next_experiment.experiment import Experiment
 from pamjax.diagnosis.outside.template_fits import Likeness
 from pamjax.diagnosis.result import Diagnosis, ParameterEstimate, ParameterShift
@@ -121,6 +121,8 @@ def diagnosis(
         )
     ]
     box = _box(build_axes(problem))
+    values = problem.predict(models[1].estimate.values)
+    prediction = ModelPrediction(values, np.zeros_like(values), has_form_errors=False)
     return Diagnosis(
         problem=problem,
         selection=Selection(models[0], models[1], tuple(names) if named and detected else ()),
@@ -136,7 +138,7 @@ def diagnosis(
         noise_ratios={"force": 1.02, "diameter": None},
         blocks=blocks,
         held_out_errors=compute_held_out_errors(
-            problem, blocks, build_held_out_mask(blocks), models[0], models[1]
+            problem, blocks, build_held_out_mask(blocks), models[0], models[1], prediction
         ),
         parameters={"braid_friction": {"coefficient": ParameterEstimate(0.21, 0.01, find_meaning(NAMES[2]))}},
         parameter_shifts={
@@ -161,7 +163,7 @@ def add_form_error(result, share=0.1):
     sd[0] = 5.0
     rms = np.array([2.0, 0.0]) if share else np.zeros(2)
     part = FormErrorPart(share, 0.1 if share else 0.0, form, rms, np.array([20.0, 1e-9]))
-    prediction = FormPrediction(result.held_out_errors.model_prediction + form, sd) if share else None
+    prediction = ModelPrediction(result.held_out_errors.model_prediction + form, sd, True) if share else None
     errors = result.held_out_errors
     if prediction is not None:
         rmse = compute_rmse(result.problem, prediction.values, errors.held_out_mask)

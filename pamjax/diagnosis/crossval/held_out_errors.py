@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.diagnosis.form_errors.prediction import FormPrediction
+from pamjax.diagnosis.form_errors.prediction import ModelPrediction
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
+from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.problem.rms import compute_rms
 from pamjax.records.blocks import Blocks
 
@@ -25,6 +26,8 @@ class HeldOutErrors:
             with them and their form errors, by fits without the held-out rows.
         equation_prediction: (2, n) the latter without form errors.
         baseline_rmse, model_rmse: by channel, SI, over held-out rows; without channels that have none.
+        expected_rmse: by channel, that of a right model: from the noise, the standard deviations of the
+            parameters and the form errors.
     """
 
     block_description: str
@@ -34,6 +37,15 @@ class HeldOutErrors:
     equation_prediction: np.ndarray
     baseline_rmse: dict[str, float]
     model_rmse: dict[str, float]
+    expected_rmse: dict[str, float]
+
+    @property
+    def largest_error_ratio(self) -> float:
+        """Return the largest ratio of `model_rmse` to `expected_rmse`; zero without held-out rows."""
+        return max(
+            (self.model_rmse[channel] / expected for channel, expected in self.expected_rmse.items()),
+            default=0.0,
+        )
 
 
 def build_held_out_mask(blocks: Blocks, settings: DiagnosisSettings = DEFAULT_SETTINGS) -> np.ndarray:
@@ -63,7 +75,7 @@ def compute_held_out_errors(
     held_out_mask: np.ndarray,
     baseline: ModelFit,
     fit: ModelFit,
-    form_prediction: FormPrediction | None = None,
+    prediction: ModelPrediction,
 ) -> HeldOutErrors:
     """Return the errors of a baseline and a model that were fitted without the held-out rows.
 
@@ -73,11 +85,9 @@ def compute_held_out_errors(
         held_out_mask: (n,) whether a row is held out.
         baseline: the fit without mechanisms.
         fit: the fit with mechanisms.
-        form_prediction: its prediction with form errors; None if it has none.
+        prediction: its prediction, with form errors.
     """
     baseline_prediction = problem.predict(baseline.estimate.values)
-    equation_prediction = problem.predict(fit.estimate.values)
-    model_prediction = equation_prediction if form_prediction is None else form_prediction.values
     names = [blocks.names[k] for k in np.unique(blocks.label[held_out_mask]) if k >= 0]
     description = (
         f"{len(names)} of {len(blocks)} {blocks.kind}: {', '.join(names)}"
@@ -88,11 +98,24 @@ def compute_held_out_errors(
         description,
         held_out_mask,
         baseline_prediction,
-        model_prediction,
-        equation_prediction,
+        prediction.values,
+        problem.predict(fit.estimate.values),
         compute_rmse(problem, baseline_prediction, held_out_mask),
-        compute_rmse(problem, model_prediction, held_out_mask),
+        compute_rmse(problem, prediction.values, held_out_mask),
+        _compute_expected_rmse(problem, fit.noise, prediction.sd, held_out_mask),
     )
+
+
+def _compute_expected_rmse(
+    problem: LibraryProblem, noise: NoiseModel, sd: np.ndarray, rows: np.ndarray
+) -> dict[str, float]:
+    """Return the rms of noise and of the prediction's sd, (2, n), over some rows, by channel, SI."""
+    expected = {}
+    for c, (channel, channel_noise) in enumerate(zip(problem.channels, noise.by_channel, strict=True)):
+        is_compared = rows & np.isfinite(problem.measured[c])
+        if channel_noise is not None and is_compared.any():
+            expected[channel] = compute_rms(np.hypot(channel_noise.sd, sd[c])[is_compared])
+    return expected
 
 
 def compute_rmse(problem: LibraryProblem, prediction: np.ndarray, rows: np.ndarray) -> dict[str, float]:

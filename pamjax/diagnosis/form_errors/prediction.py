@@ -1,4 +1,4 @@
-"""Prediction of a model with form errors, and the part of each mechanism's form error in it."""
+"""Prediction of a model with its uncertainty, and the part of each mechanism's form error in it."""
 
 from __future__ import annotations
 
@@ -17,16 +17,18 @@ from pamjax.infer.noise.noise_model import NoiseModel
 
 
 @dataclass(frozen=True, eq=False)
-class FormPrediction:
-    """Prediction with the estimated form errors, by a fit without the held-out rows.
+class ModelPrediction:
+    """Prediction of a fit, with its form errors if it has any.
 
     Attributes:
         values: (2, n) predicted force (N) and diameter (m).
         sd: (2, n) its standard deviation due to parameters and form errors.
+        has_form_errors: whether the most likely size of a form error is above zero.
     """
 
     values: np.ndarray
     sd: np.ndarray
+    has_form_errors: bool
 
 
 def describe_form_errors(problem: LibraryProblem, fit: ModelFit) -> dict[str, FormErrorPart]:
@@ -47,27 +49,26 @@ def describe_form_errors(problem: LibraryProblem, fit: ModelFit) -> dict[str, Fo
     return parts
 
 
-def predict_with_form_errors(problem: LibraryProblem, fit: ModelFit) -> FormPrediction | None:
-    """Return the prediction with the estimated form errors; None if their most likely size is zero.
+def predict_with_uncertainty(problem: LibraryProblem, fit: ModelFit) -> ModelPrediction:
+    """Return the prediction of a fit and its standard deviation, with the estimated form errors.
 
     Args:
         problem: the recording and the library.
-        fit: a fit with form errors.
+        fit: a fit, with form errors or without.
     """
-    noise, values = fit.noise, fit.estimate.values
-    if not isinstance(noise, DiscrepancyNoise) or not noise.columns.any():
-        return None
-    textbook, derivatives = problem.predict_with_jacobian(values, fit.estimate.free)
-    prediction = textbook + noise.estimate_discrepancy(problem.measured - textbook)
-    scaled = np.nan_to_num(derivatives) * fit.estimate.scale[:, None, None]
-    columns = np.concatenate([scaled, noise.columns])
-    inflation = compute_variance_inflation(fit.estimate.residual, noise.is_run_start)
-    sd = compute_prediction_sd(
-        columns,
-        _whiten(noise, columns) / np.sqrt(inflation),
-        np.concatenate([1 / fit.estimate.prior_sd**2, np.ones(len(noise.columns))]),
-    )
-    return FormPrediction(prediction, sd)
+    noise, estimate = fit.noise, fit.estimate
+    prediction, derivatives = problem.predict_with_jacobian(estimate.values, estimate.free)
+    columns = np.nan_to_num(derivatives) * estimate.scale[:, None, None]
+    precision = 1 / estimate.prior_sd**2
+    has_form_errors = False
+    if isinstance(noise, DiscrepancyNoise) and noise.columns.any():
+        has_form_errors = True
+        prediction = prediction + noise.estimate_discrepancy(problem.measured - prediction)
+        columns = np.concatenate([columns, noise.columns])
+        precision = np.concatenate([precision, np.ones(len(noise.columns))])
+    inflation = compute_variance_inflation(estimate.residual, noise.is_run_start)
+    sd = compute_prediction_sd(columns, _whiten(noise, columns) / np.sqrt(inflation), precision)
+    return ModelPrediction(prediction, sd, has_form_errors)
 
 
 def _whiten(noise: NoiseModel, values: np.ndarray) -> np.ndarray:

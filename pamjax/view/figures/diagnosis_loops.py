@@ -10,7 +10,7 @@ from matplotlib.axes import Axes as Panel
 from matplotlib.figure import Figure
 
 from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
-from pamjax.diagnosis.form_errors.prediction import FormPrediction
+from pamjax.diagnosis.form_errors.prediction import ModelPrediction
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.infer.problem.rms import compute_rms
 from pamjax.text import join_words
@@ -76,7 +76,7 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
 
 
 def _plot_band(
-    panel: Panel, diagnosis: Diagnosis, form: FormPrediction, row_layout: Layout, channel_index: int
+    panel: Panel, diagnosis: Diagnosis, form: ModelPrediction, row_layout: Layout, channel_index: int
 ) -> None:
     """Draw ± 2 sd around the prediction of each group."""
     channel = diagnosis.problem.channels[channel_index]

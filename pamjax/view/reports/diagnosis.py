@@ -178,8 +178,10 @@ def _list_scores(diagnosis: Diagnosis, document: dict[str, Any]) -> Iterator[lis
             values = [score[kind] for kind in kinds]
             if diagnosis.form_prediction is not None:
                 values.insert(1, to_display(channel, equation_rmse[channel]))
+            if document["missing_physics"]:
+                values.append(score["rmse_expected"])
             values.append(document["noise"][channel]["sd"])
-            yield [channel, *(f"{value:.4g} {score['unit']}" for value in values)]
+            yield [channel, *("–" if value is None else f"{value:.4g} {score['unit']}" for value in values)]
 
 
 def _describe_comparison(comparison: ModelComparison) -> dict[str, Any]:

@@ -31,20 +31,29 @@ RUBBER = BankRecording(1, only="bladder_elasticity", smallest=12.0, largest=12.0
 RUBBER_AND_STEP = replace(RUBBER, smallest=5.0, largest=5.0, unmodelled="zero_step")
 
 
-def test_values_of_held_out_blocks_change_neither_the_names_nor_the_predictions():
+def test_held_out_values_change_neither_names_nor_predictions_but_their_certainty():
     diagnosis, case = diagnose_bank(RUBBER), simulate_bank(RUBBER).case
     held_out = diagnosis.held_out_errors.held_out_mask
     changed = diagnose(replace_recording(case, force=case.recording.force + np.where(held_out, 40.0, 0.0)))
     assert 0 < held_out.sum() < held_out.size
-    assert [(m.id, m.probability) for m in changed.named_mechanisms] == [
-        (m.id, m.probability) for m in diagnosis.named_mechanisms
-    ]
+    assert [m.id for m in changed.named_mechanisms] == [m.id for m in diagnosis.named_mechanisms]
     agree(
         changed.held_out_errors.baseline_prediction, diagnosis.held_out_errors.baseline_prediction, to=SOLVED
     )
     agree(changed.held_out_errors.model_prediction, diagnosis.held_out_errors.model_prediction, to=SOLVED)
     # The values themselves are compared with the predictions, and the final fit uses them.
     assert changed.held_out_errors.model_rmse["force"] > 30.0
+    assert changed.held_out_errors.largest_error_ratio > 3.0
+    assert diagnosis.held_out_errors.largest_error_ratio < 1.2
+    # Prediction and recording disagree: a part is unexplained, and half of the certainty remains.
+    assert changed.unexplained
+    assert not diagnosis.unexplained
+    assert all(
+        after.probability == pytest.approx(0.5 + 0.5 * (before.probability - 0.5))
+        for before, after in zip(diagnosis.named_mechanisms, changed.named_mechanisms, strict=True)
+    )
+    assert "times the expected one" in str(changed)
+    assert "times the expected one" not in str(diagnosis)
     assert np.nanmax(np.abs(changed.model.estimate.values - diagnosis.model.estimate.values)) > 0
 
 

@@ -92,7 +92,8 @@ def test_report_agrees_with_the_result(page):
     errors = page.table(["channel", "baseline"])
     for channel, unit in (("force", "N"), ("diameter", "mm")):
         score = document["improvement"]["held_out"][channel]
-        expected = (score["rmse_before"], score["rmse_after"], document["noise"][channel]["sd"])
+        rmse = (score[f"rmse_{kind}"] for kind in ("before", "after", "expected"))
+        expected = (*rmse, document["noise"][channel]["sd"])
         shown = [float(cell.removesuffix(unit)) for cell in errors[channel]]
         assert shown == pytest.approx(expected, rel=1e-3)
     (name,) = document["missing_physics"]
@@ -311,7 +312,11 @@ def test_a_recording_with_too_few_blocks_says_that_nothing_was_held_out():
     assert "The mechanisms were selected without the held-out blocks." in read_report("friction")
     assert "no block was held out" not in str(result)
     errors = replace(
-        result.held_out_errors, held_out_mask=np.zeros_like(held_out), baseline_rmse={}, model_rmse={}
+        result.held_out_errors,
+        held_out_mask=np.zeros_like(held_out),
+        baseline_rmse={},
+        model_rmse={},
+        expected_rmse={},
     )
     without = replace(result, held_out_errors=errors)
     assert "no block was held out (too few blocks): no independent rows confirm" in str(without)
