@@ -59,15 +59,32 @@ def predict_with_form_errors(problem: LibraryProblem, fit: ModelFit) -> FormPred
         return None
     textbook, derivatives = problem.predict_with_jacobian(values, fit.estimate.free)
     prediction = textbook + noise.estimate_discrepancy(problem.measured - textbook)
+    return FormPrediction(
+        prediction, compute_prediction_sd(*compute_joint_whitening(fit, noise, derivatives))
+    )
+
+
+def compute_joint_whitening(
+    fit: ModelFit, noise: DiscrepancyNoise, derivatives: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the derivatives of a prediction by the coordinates of parameters and by coefficients.
+
+    Args:
+        fit: a fit with form errors.
+        noise: its noise.
+        derivatives: (p, 2, n) derivatives by the free parameters, SI.
+
+    Returns:
+        the derivatives, (k, 2, n), SI; the same whitened, (k, size); precision of their priors, (k,).
+    """
     scaled = np.nan_to_num(derivatives) * fit.estimate.scale[:, None, None]
     columns = np.concatenate([scaled, noise.columns])
     inflation = compute_variance_inflation(fit.estimate.residual, noise.is_run_start)
-    sd = compute_prediction_sd(
+    return (
         columns,
         _whiten(noise, columns) / np.sqrt(inflation),
         np.concatenate([1 / fit.estimate.prior_sd**2, np.ones(len(noise.columns))]),
     )
-    return FormPrediction(prediction, sd)
 
 
 def _whiten(noise: NoiseModel, values: np.ndarray) -> np.ndarray:
