@@ -155,7 +155,10 @@ def load_draws(file: Path, loaded: LoadedMuscle) -> PosteriorDraws:
     means = {name: jnp.asarray(values.mean()) for name, values in samples.items()}
     numbers = dict(loaded.numbers) | means
     mean_muscle = replace(
-        loaded, numbers=numbers, muscle=build_muscle(loaded.law, loaded.mechanisms, numbers)
+        loaded,
+        numbers=numbers,
+        muscle=build_muscle(loaded.law, loaded.mechanisms, numbers),
+        form_errors=None,  # a posterior has none
     )
     return PosteriorDraws(mean_muscle, {name: jnp.asarray(values[rows]) for name, values in samples.items()})
 

@@ -26,6 +26,7 @@ from pamjax.diagnosis.saved_model import build_model_document
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.drawing import DrawableResult
+from pamjax.infer.form_errors.form_model import FormErrorModel
 from pamjax.infer.form_errors.parts import FormErrorPart
 from pamjax.model.registry import find_mechanism
 from pamjax.notebook import NotebookText
@@ -87,6 +88,7 @@ class Diagnosis(DrawableResult, NotebookText):
         experiments: proposed next experiments.
         form_errors: form errors by mechanism id; mechanisms without form error are absent.
         form_prediction: prediction with the estimated form errors; None if their most likely size is zero.
+        form_error_model: form errors for other recordings, a part of model.json; None if there are none.
     """
 
     problem: LibraryProblem
@@ -109,6 +111,7 @@ class Diagnosis(DrawableResult, NotebookText):
     experiments: list[Experiment]
     form_errors: dict[str, FormErrorPart] = field(default_factory=dict)
     form_prediction: ModelPrediction | None = None
+    form_error_model: FormErrorModel | None = None
 
     @property
     def settings(self) -> DiagnosisSettings:
@@ -198,10 +201,12 @@ def save_diagnosis(diagnosis: Diagnosis, folder: Path) -> list[Path]:
     document = json.dumps(diagnosis.as_dict(), indent=1, allow_nan=False) + "\n"
     table = io.StringIO()
     diagnosis.predictions().to_csv(table, index=False, float_format="%.6g")
-    model = (
-        json.dumps(build_model_document(diagnosis.problem, diagnosis.model), indent=1, allow_nan=False) + "\n"
-    )
-    files = {"diagnosis.json": document, "prediction.csv": table.getvalue(), "model.json": model}
+    model = build_model_document(diagnosis.problem, diagnosis.model, diagnosis.form_error_model)
+    files = {
+        "diagnosis.json": document,
+        "prediction.csv": table.getvalue(),
+        "model.json": json.dumps(model, indent=1, allow_nan=False) + "\n",
+    }
     for name, text in files.items():
         with write_atomically(folder / name) as temporary:
             temporary.write_text(text)

@@ -49,6 +49,7 @@ from pamjax.diagnosis.result import (
     ParameterShift,
     build_parameter_estimate,
 )
+from pamjax.diagnosis.saved_form_errors import build_saved_form_errors
 from pamjax.diagnosis.select.model_averaging import average_models
 from pamjax.diagnosis.select.replace_by_template import replace_by_template
 from pamjax.diagnosis.select.selection import (
@@ -59,6 +60,7 @@ from pamjax.diagnosis.select.selection import (
     shrink_to_even_odds,
 )
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
+from pamjax.infer.form_errors.form_model import FormErrorModel
 from pamjax.infer.form_errors.parts import FormErrorPart
 from pamjax.progress import Progress, ignore_progress
 from pamjax.records.blocks import Blocks, find_blocks
@@ -117,12 +119,14 @@ class _FinalFit:
         baseline: the baseline.
         model: the fit with the mechanisms.
         form_errors: their form errors.
+        form_error_model: their form errors for other recordings; None if there are none.
     """
 
     selection: Selection
     baseline: ModelFit
     model: ModelFit
     form_errors: dict[str, FormErrorPart]
+    form_error_model: FormErrorModel | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,6 +248,7 @@ def _build_diagnosis(
         ],
         experiments=experiments,
         form_errors=final_fit.form_errors,
+        form_error_model=final_fit.form_error_model,
         form_prediction=prediction if prediction.has_form_errors else None,
     )
 
@@ -356,8 +361,15 @@ def _fit_all_rows(problem: LibraryProblem, selection: Selection) -> _FinalFit:
         return _FinalFit(selection, baseline, baseline, {})
     model = fit_noise_correlation(problem, _fit_selection(problem, selection, all_rows))
     model = average_models(problem, model, selection.named_mechanisms)
-    form_errors = describe_form_errors(problem, add_form_errors(problem, model))
-    return _FinalFit(_add_form_error_ratios(selection, form_errors), baseline, model, form_errors)
+    form_error_fit = add_form_errors(problem, model)
+    form_errors = describe_form_errors(problem, form_error_fit)
+    return _FinalFit(
+        _add_form_error_ratios(selection, form_errors),
+        baseline,
+        model,
+        form_errors,
+        build_saved_form_errors(problem, form_error_fit),
+    )
 
 
 def _list_selection_notes(

@@ -4,33 +4,29 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.diagnosis.case_prediction import predict_case, predict_channels
 from pamjax.errors import BadInput
 from pamjax.infer.fitting.load import LoadedMuscle, load_muscle
 from pamjax.infer.problem.dataset import (
     CHANNELS,
-    build_history,
     estimate_starting_sd,
     find_informative_samples,
-    find_slack_samples,
 )
 from pamjax.infer.problem.rms import compute_rms
 from pamjax.model.balance import Status
-from pamjax.model.bench import Bench, BenchReading, clip_slack_force, record_bench
-from pamjax.model.muscle import MuscleReading, predict
 from pamjax.notebook import NotebookText
 from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case, ensure_case
 from pamjax.records.files import read_bytes
 from pamjax.records.fixed_length import average_fixed_lengths
+from pamjax.text import join_words
 from pamjax.units import format_count
 
 #: Rmse over the channel's noise up to which a block counts as fitted: a quarter more than noise.
@@ -65,6 +61,9 @@ class Validation(NotebookText):
         failed_rows: number of rows in which the model has no solution.
         extrapolations: sentences on pressures and lengths outside the calibrated range.
         is_training_recording: whether the model was fitted to this recording; it is then no validation.
+        form_errors: ids of the mechanisms whose form errors are part of the prediction.
+        model_sd: rms standard deviation of the prediction by parameters and form errors, SI, by channel;
+            empty for a model without form errors.
     """
 
     case: str
@@ -74,6 +73,8 @@ class Validation(NotebookText):
     failed_rows: int
     extrapolations: tuple[str, ...]
     is_training_recording: bool = False
+    form_errors: tuple[str, ...] = ()
+    model_sd: dict[str, float] = field(default_factory=dict)
 
     def fits_block(self, block: BlockValidation) -> bool:
         """Return whether every channel of a block is predicted to its noise."""
@@ -92,6 +93,8 @@ class Validation(NotebookText):
             unit, noise = DISPLAY_UNIT[channel], to_display(channel, self.noise[channel])
             rmse = to_display(channel, rmse)
             lines.append(f"  {channel}: rmse {rmse:.3g} {unit}, noise {noise:.3g} {unit}")
+        if self.form_errors:
+            lines.append(self._describe_form_errors())
         fitted_names = [block.name for block in self.blocks if self.fits_block(block)]
         count = f"{len(fitted_names)} of {len(self.blocks)} blocks"
         head = f"  {count} are predicted to {_MAX_RMSE_NOISE_RATIO} times the noise"
@@ -103,6 +106,13 @@ class Validation(NotebookText):
         if self.failed_rows:
             lines.append(f"  no solution in {format_count(self.failed_rows, 'row')}")
         return "\n".join(lines + [f"  {sentence}" for sentence in self.extrapolations])
+
+    def _describe_form_errors(self) -> str:
+        sds = [f"{to_display(c, sd):.2g} {DISPLAY_UNIT[c]}" for c, sd in self.model_sd.items()]
+        return (
+            f"  the prediction includes form errors of {join_words(self.form_errors)};"
+            f" the noise includes its sd, {join_words(sds)}"
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Return the validation as a dictionary for JSON, SI."""
@@ -118,6 +128,8 @@ class Validation(NotebookText):
             "blocks": blocks,
             "failed": self.failed_rows,
             "outside": list(self.extrapolations),
+            "form_errors": list(self.form_errors),
+            "model_sd": self.model_sd,
         }
 
 
@@ -162,29 +174,25 @@ def validate(
     rest_length = case.muscle_toml.rest_length.value
     pressure = np.where(usable, recording.pressure, 0.0)
     length = np.where(usable, recording.length, rest_length)
-    reading = _predict_reading(model, case, pressure, length)
+    prediction = predict_case(model, case, pressure, length)
     sensors = case.muscle_toml.sensors
     # Readings with pressure or length changed by one sd give the effect of their noise.
-    perturbed_readings = [
-        _predict_reading(model, case, pressure + by_pressure, length + by_length)
+    input_noise_changes = [
+        predict_channels(prediction.muscle, case, pressure + by_pressure, length + by_length)
+        - prediction.textbook
         for by_pressure, by_length in ((sensors.pressure or 0.0, 0.0), (0.0, sensors.length or 0.0))
     ]
     recording_blocks, misfit, noise = find_blocks(recording), {}, {}
-    for channel, sd in zip(CHANNELS, estimate_starting_sd(case), strict=True):
-        compared_rows, prediction = (
-            find_informative_samples(case, channel),
-            np.asarray(getattr(reading, channel)),
-        )
+    model_sd: dict[str, np.ndarray] = {}
+    for c, (channel, sd) in enumerate(zip(CHANNELS, estimate_starting_sd(case), strict=True)):
+        compared_rows = find_informative_samples(case, channel)
         if compared_rows.any():
-            difference = getattr(recording, channel) - prediction
-            input_noise_changes = [
-                np.asarray(getattr(other, channel)) - prediction for other in perturbed_readings
-            ]
+            difference = getattr(recording, channel) - prediction.values[c]
+            variance = sd**2 + prediction.sd[c] ** 2 + sum(change[c] ** 2 for change in input_noise_changes)
             misfit[channel] = np.where(compared_rows, difference, np.nan)
-            noise[channel] = np.where(
-                compared_rows, np.sqrt(sd**2 + sum(x**2 for x in input_noise_changes)), np.nan
-            )
-    is_failed = usable & (np.asarray(reading.status) != Status.OK)
+            noise[channel] = np.where(compared_rows, np.sqrt(variance), np.nan)
+            model_sd[channel] = np.where(compared_rows, prediction.sd[c], np.nan)
+    is_failed = usable & (prediction.status != Status.OK)
     return Validation(
         case=case.name,
         rmse={c: compute_rms(v) for c, v in misfit.items()},
@@ -202,17 +210,9 @@ def validate(
         ),
         is_training_recording=case.checksum in training_checksums
         or (bool(model.calibrated_range) and case.checksum == model.checksum),
+        form_errors=tuple(model.form_errors.forms) if model.form_errors else (),
+        model_sd={c: compute_rms(v) for c, v in model_sd.items()} if model.form_errors else {},
     )
-
-
-def _predict_reading(
-    model: LoadedMuscle, case: Case, pressure: np.ndarray, length: np.ndarray
-) -> MuscleReading | BenchReading:
-    state, loose = (jnp.asarray(pressure), jnp.asarray(length)), jnp.asarray(find_slack_samples(case))
-    if isinstance(model.muscle, Bench):
-        return record_bench(model.muscle, *state, build_history(case, case.recording.n), loose)
-    ideal = predict(model.muscle, *state)
-    return eqx.tree_at(lambda r: r.force, ideal, clip_slack_force(ideal.force, loose))
 
 
 def _compute_channel_rms(values: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, float]:

@@ -21,7 +21,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-_VARIABLES = ("pressure", "length", "force", "direction", "speed", "time")
+#: Variables of the terms.
+FORM_VARIABLES = ("pressure", "length", "force", "direction", "speed", "time")
 
 
 @dataclass(frozen=True)
@@ -45,10 +46,26 @@ class FormError:
         >>> FormError(("pressure length^2",)).parse()
         [[('pressure', 1), ('length', 2)]]
         """
-        return [
-            [(name, int(degree or 1)) for name, _, degree in (word.partition("^") for word in term.split())]
-            for term in self.terms
-        ]
+        return [parse_term(term) for term in self.terms]
+
+    @property
+    def is_course(self) -> bool:
+        """Return whether a term depends on time: the form error then belongs to one recording.
+
+        >>> FormError(("time^2",)).is_course
+        True
+        """
+        return any(variable == "time" for term in self.parse() for variable, _ in term)
+
+
+def parse_term(term: str) -> list[tuple[str, int]]:
+    """Return the factors (variable, degree) of a term.
+
+    >>> parse_term("pressure length^2")
+    [('pressure', 1), ('length', 2)]
+    """
+    words = (word.partition("^") for word in term.split())
+    return [(variable, int(degree or 1)) for variable, _, degree in words]
 
 
 def list_powers(variable: str, degree: int) -> tuple[str, ...]:

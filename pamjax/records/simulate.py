@@ -24,6 +24,7 @@ def simulate(
     seed: int = 0,
     correlation_time: float = 0.0,
     settled: bool = False,
+    deviation: np.ndarray | None = None,
 ) -> Recording:
     """Return a simulated recording of a schedule.
 
@@ -38,6 +39,8 @@ def simulate(
         seed: seed of the noise.
         correlation_time: correlation time of the noise of force and diameter, s.
         settled: whether the muscle has run the schedule once before.
+        deviation: (2, n) difference of force (N) and diameter (m) from the equations of the muscle, such as
+            form errors; None for exact equations. A schedule that sets the force has none.
 
     Returns:
         a recording with the rows of the schedule.
@@ -55,11 +58,16 @@ def simulate(
     rng = np.random.default_rng(seed)
     n = schedule.time.size
     reading = _predict_readings(muscle, schedule, settled)
+    force_deviation, diameter_deviation = np.zeros((2, n)) if deviation is None else deviation
     has_equilibrium = np.asarray(reading.status) == Status.OK
     step = float(schedule.time[1] - schedule.time[0]) if n > 1 else 1.0
     correlation = float(np.exp(-step / correlation_time)) if correlation_time > 0 else 0.0
-    force = np.where(has_equilibrium, np.asarray(reading.force), np.nan)
-    diameter = np.where(has_equilibrium & schedule.diameter_measured, np.asarray(reading.diameter), np.nan)
+    force = np.where(has_equilibrium, np.asarray(reading.force) + force_deviation, np.nan)
+    diameter = np.where(
+        has_equilibrium & schedule.diameter_measured,
+        np.asarray(reading.diameter) + diameter_deviation,
+        np.nan,
+    )
     return Recording.from_arrays(
         time=schedule.time,
         pressure=schedule.pressure + (sensors.pressure or 0.0) * rng.standard_normal(n),
@@ -83,7 +91,7 @@ def _simulate_isotonic(
         jnp.asarray(schedule.pressure),
         jnp.asarray(schedule.length),
         jnp.asarray(true_load),
-        _build_history(schedule, settled),
+        build_schedule_history(schedule, settled),
     )
     length, diameter = (
         np.where(is_solved, np.asarray(values), np.nan) for values in (reading.length, reading.diameter)
@@ -104,10 +112,10 @@ def _predict_readings(muscle: Muscle | Bench, schedule: Schedule, settled: bool)
     pressure, length = jnp.asarray(schedule.pressure), jnp.asarray(schedule.length)
     if isinstance(muscle, Muscle):
         return predict(muscle, pressure, length)
-    return record_bench(muscle, pressure, length, _build_history(schedule, settled))
+    return record_bench(muscle, pressure, length, build_schedule_history(schedule, settled))
 
 
-def _build_history(schedule: Schedule, settled: bool) -> History:
+def build_schedule_history(schedule: Schedule, settled: bool) -> History:
     """Return the order of the samples of a schedule."""
     # The continuous parts are those of the written recording. No delay acts across the step between two.
     exact_recording = Recording.from_arrays(

@@ -165,6 +165,8 @@ def _transfer_muscle(
         sources.append(f"thread modulus {stiffness / area / 1e9:.3g} GPa from {file}")
     if isinstance(muscle, Bench):
         properties |= _transfer_mechanisms(muscle, area, file, sources)
+    if loaded_muscle.form_errors is not None:
+        sources.append(f"not transferred: form errors of {', '.join(loaded_muscle.form_errors.forms)}")
     return properties
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -68,6 +69,9 @@ def inverse(
 
         draws = load_draws(posterior, loaded_muscle)
         loaded_muscle = draws.mean_muscle
+    if loaded_muscle.form_errors is not None:
+        ids = ", ".join(loaded_muscle.form_errors.forms)
+        print(f"pamjax: warning: the form errors of {ids} are neglected", file=sys.stderr)
     calibrated_pressures = loaded_muscle.calibrated_range.get("pressure", DEFAULT_PRESSURES)
     max_pressure = parse_quantity(highest, "pressure", "--highest") if highest else calibrated_pressures[1]
     muscle_inverse = invert(loaded_muscle, (min(calibrated_pressures[0], 0.0), max_pressure))

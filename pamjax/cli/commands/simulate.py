@@ -29,7 +29,8 @@ def simulate(
 
     Args:
         muscle: a case folder or muscle.toml with stated values, or a fit.json or model.json of a fitted
-            muscle. The command warns about pressures and lengths outside the calibrated range.
+            muscle. The command warns about pressures and lengths outside the calibrated range. Form errors
+            in the file are part of the simulated force and diameter.
         protocol: TOML file with a table [protocol]; by default ten isobars as in Chambers & Wereley (2022).
         out: case folder to write; it must be empty or not exist yet.
         law: thread law of a muscle with stated values; by default that of its baseline model.
@@ -46,6 +47,7 @@ def simulate(
     from pamjax.cli.name_value_options import parse_parameter_values
     from pamjax.errors import check_minimum
     from pamjax.infer.fitting.load import load_muscle
+    from pamjax.infer.form_errors.schedule_form import predict_schedule_form
     from pamjax.records.protocol import PAPER_PROTOCOL, read_protocol
     from pamjax.records.reading.muscle_toml import Sensors
     from pamjax.records.simulate import check_set_channel, describe_extrapolation
@@ -67,17 +69,26 @@ def simulate(
         warnings.append(
             "the rubber of [bladder] is neglected; use the model.json of a design or diagnosis to include it"
         )
+    form_errors = loaded_muscle.form_errors
+    if form_errors is not None and schedule.load is not None:
+        warnings.append(
+            "the form errors of the model are neglected, because they are no errors of the length"
+        )
+        form_errors = None
     for sentence in warnings:
         print(f"pamjax: warning: {sentence}", file=sys.stderr)
     sensors = loaded_muscle.muscle_toml.sensors if noise else Sensors()
     noise_time = parse_quantity(correlation_time, "time", "--correlation-time")
     recording = simulate_recording(
-        loaded_muscle.muscle,
+        loaded_muscle.muscle if form_errors is None else form_errors.muscle,
         schedule,
         sensors,
         seed=seed,
         correlation_time=noise_time,
         settled=before == "settled",
+        deviation=None
+        if form_errors is None
+        else predict_schedule_form(form_errors, schedule, before == "settled"),
     )
     write_case(out, recording, loaded_muscle.text)
     if json:

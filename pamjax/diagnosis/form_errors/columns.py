@@ -8,16 +8,21 @@ from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.model_fit import switch_off_candidate
 from pamjax.infer.form_errors.columns import build_columns_of_effect
-from pamjax.infer.form_errors.coordinates import Coordinates
+from pamjax.infer.form_errors.coordinates import Coordinates, CoordinateScales
+from pamjax.infer.form_errors.form_source import FormSource, build_form_source
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.model.registry import find_mechanism
 
 
 def build_coordinates(problem: LibraryProblem) -> Coordinates:
     """Return the variables of the form errors at each row of the recording."""
+    return Coordinates.from_recording(problem.case.recording, *_find_compared_rows(problem))
+
+
+def _find_compared_rows(problem: LibraryProblem) -> tuple[np.ndarray, np.ndarray]:
+    """Return whether a row has a compared sample, and its rate of change of the length (m/s), (n,) each."""
     rate = np.asarray(problem.dataset.history.rate(problem.dataset.rows.length))[: problem.n]
-    is_compared = np.asarray(np.isfinite(problem.measured).any(axis=0))
-    return Coordinates.from_recording(problem.case.recording, is_compared, rate)
+    return np.asarray(np.isfinite(problem.measured).any(axis=0)), rate
 
 
 def compute_effect(problem: LibraryProblem, values: np.ndarray, candidate: Candidate) -> np.ndarray:
@@ -34,17 +39,38 @@ def build_form_columns(
     form_error = find_mechanism(candidate.id).form_error
     if not (form_error.terms or form_error.shape_factors):
         return np.zeros((0, len(CHANNELS), problem.n))
-    effect = compute_effect(problem, values, candidate)
-    reshaped_effects = [
-        _compute_reshaped_effect(problem, values, candidate, factors) for factors in form_error.shape_factors
-    ]
+    effect, reshaped_effects, _ = _compute_effects(problem, values, candidate)
     return build_columns_of_effect(form_error, coordinates, effect, reshaped_effects)
 
 
-def _compute_reshaped_effect(
-    problem: LibraryProblem, values: np.ndarray, candidate: Candidate, factors: dict[str, float]
-) -> np.ndarray:
-    """Return the effect of a candidate with factors on its shape parameters, SI, (2, n)."""
-    factor_by_name = {f"{candidate.id}.{name}": factor for name, factor in factors.items()}
-    shape = {name: values[problem.index(name)] * factor for name, factor in factor_by_name.items()}
-    return compute_effect(problem, problem.set_shape(values, shape), candidate)
+def build_problem_form_source(
+    problem: LibraryProblem, values: np.ndarray, candidate: Candidate, share: float
+) -> FormSource:
+    """Return the constants of the columns of a candidate's form error, of a size as a share of the effect."""
+    effect, reshaped_effects, reshaped_values = _compute_effects(problem, values, candidate)
+    recording = problem.case.recording
+    return build_form_source(
+        find_mechanism(candidate.id).form_error,
+        recording,
+        CoordinateScales.from_recording(recording, *_find_compared_rows(problem)),
+        build_coordinates(problem),
+        effect,
+        reshaped_effects,
+        reshaped_values,
+        share,
+    )
+
+
+def _compute_effects(
+    problem: LibraryProblem, values: np.ndarray, candidate: Candidate
+) -> tuple[np.ndarray, list[np.ndarray], list[dict[str, float]]]:
+    """Return the effect of a candidate, (2, n), those with other shapes, and their shape parameters, SI."""
+    reshaped_effects, reshaped_values = [], []
+    for factors in find_mechanism(candidate.id).form_error.shape_factors:
+        names = {field: f"{candidate.id}.{field}" for field in factors}
+        reshaped = problem.set_shape(
+            values, {name: values[problem.index(name)] * factors[field] for field, name in names.items()}
+        )
+        reshaped_effects.append(compute_effect(problem, reshaped, candidate))
+        reshaped_values.append({field: float(reshaped[problem.index(name)]) for field, name in names.items()})
+    return compute_effect(problem, values, candidate), reshaped_effects, reshaped_values

@@ -42,9 +42,11 @@ class FormErrorFit(ModelFit):
     Attributes:
         shares: by mechanism id, the most likely size of its form error as a share of the effect; mechanisms
             without form error are absent.
+        column_values: (p,) parameter values from which the columns of the form errors were built, SI.
     """
 
     shares: dict[str, float] = field(default_factory=dict)
+    column_values: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 @memoise_per_fit(lambda: None)
@@ -72,11 +74,12 @@ def add_form_errors(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
         estimate = fit_parameters(
             problem, noise, fit.estimate.free, values, problem.settings.rough_evaluations
         )
-        values = estimate.values
         out = FormErrorFit(
             **{**vars(fit), "noise": noise, "estimate": estimate},
             shares=dict(zip(white, shares, strict=True)),
+            column_values=values,
         )
+        values = estimate.values
     return out
 
 

@@ -58,17 +58,35 @@ def predict_with_uncertainty(problem: LibraryProblem, fit: ModelFit) -> ModelPre
     """
     noise, estimate = fit.noise, fit.estimate
     prediction, derivatives = problem.predict_with_jacobian(estimate.values, estimate.free)
-    columns = np.nan_to_num(derivatives) * estimate.scale[:, None, None]
-    precision = 1 / estimate.prior_sd**2
-    has_form_errors = False
-    if isinstance(noise, DiscrepancyNoise) and noise.columns.any():
-        has_form_errors = True
+    has_form_errors = isinstance(noise, DiscrepancyNoise) and bool(noise.columns.any())
+    sd = compute_prediction_sd(*compute_joint_whitening(fit, derivatives))
+    if isinstance(noise, DiscrepancyNoise):
         prediction = prediction + noise.estimate_discrepancy(problem.measured - prediction)
-        columns = np.concatenate([columns, noise.columns])
-        precision = np.concatenate([precision, np.ones(len(noise.columns))])
-    inflation = compute_variance_inflation(estimate.residual, noise.is_run_start)
-    sd = compute_prediction_sd(columns, _whiten(noise, columns) / np.sqrt(inflation), precision)
     return ModelPrediction(prediction, sd, has_form_errors)
+
+
+def compute_joint_whitening(
+    fit: ModelFit, derivatives: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the derivatives of a prediction by the coordinates of parameters and by coefficients.
+
+    Args:
+        fit: a fit, with form errors or without.
+        derivatives: (p, 2, n) derivatives by the free parameters, SI.
+
+    Returns:
+        the derivatives, (k, 2, n), SI; the same whitened, (k, size); precision of their priors, (k,).
+    """
+    noise, estimate = fit.noise, fit.estimate
+    scaled = np.nan_to_num(derivatives) * estimate.scale[:, None, None]
+    forms = noise.columns if isinstance(noise, DiscrepancyNoise) else scaled[:0]
+    columns = np.concatenate([scaled, forms])
+    inflation = compute_variance_inflation(estimate.residual, noise.is_run_start)
+    return (
+        columns,
+        _whiten(noise, columns) / np.sqrt(inflation),
+        np.concatenate([1 / estimate.prior_sd**2, np.ones(len(forms))]),
+    )
 
 
 def _whiten(noise: NoiseModel, values: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pamjax.infer.fitting.form_errors import describe_form_errors
+from pamjax.infer.fitting.form_errors import FormSizes, describe_form_errors
 from pamjax.infer.fitting.least_squares import Solution
 from pamjax.infer.fitting.result import CaseFit, Estimate, HeldOutScore, NamedEstimates
 from pamjax.infer.form_errors.dataset_form import estimate_form
@@ -63,7 +63,7 @@ def build_case_fit(
     case_blocks,
     held_out_masks,
     held_out_prediction,
-    form_shares,
+    form_sizes: FormSizes | None,
 ) -> CaseFit:
     """Return the muscle of one case, its predictions, and its errors."""
     values = space.to_values(solution.u)
@@ -74,10 +74,8 @@ def build_case_fit(
     channels = case.recording.model_channels
     form = estimate_form(dataset, values)[:, :n]
     prediction = {c: np.asarray(getattr(reading, c))[:n] + own for c, own in zip(channels, form, strict=True)}
-    form_errors, prediction_sd = (
-        ({}, None)
-        if dataset.form_filter is None
-        else describe_form_errors(case, dataset, space, solution, form_shares)
+    description = (
+        None if form_sizes is None else describe_form_errors(case, dataset, space, solution, form_sizes)
     )
     names = tuple(
         tuple(case_blocks.names[k] for k in np.unique(case_blocks.label[mask]) if k >= 0)
@@ -100,8 +98,11 @@ def build_case_fit(
             for s in Status
             if (has_failed & (status == s)).any()
         },
-        form_errors=form_errors,
-        prediction_sd={} if prediction_sd is None else dict(zip(channels, prediction_sd, strict=True)),
+        form_errors={} if description is None else description.parts,
+        prediction_sd={}
+        if description is None
+        else dict(zip(channels, description.prediction_sd, strict=True)),
+        form_error_model=None if description is None else description.model,
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from pamjax.errors import check_minimum
 from pamjax.infer.fitting.build_result import build_case_fit, build_estimates, compute_sd_and_correlation
 from pamjax.infer.fitting.cross_validation import cross_validate
-from pamjax.infer.fitting.form_errors import check_form_errors, fit_form_errors
+from pamjax.infer.fitting.form_errors import FormSizes, check_form_errors, fit_form_errors
 from pamjax.infer.fitting.joint_space import build_joint_space, choose_law, collect_meanings
 from pamjax.infer.fitting.least_squares import (
     Loss,
@@ -117,10 +117,10 @@ def fit(
         # The weights belong to the first solution.
         datasets, _ = reweight_datasets(cases, datasets, space, best, loss)
         best = solve_least_squares(datasets, space, best.u, loss)
-    form_shares: list[dict[str, float]] = [{} for _ in cases]
+    form_sizes: Sequence[FormSizes | None] = [None] * len(cases)
     if form_error:
         progress("form errors", 0.55)
-        datasets, form_shares, best = fit_form_errors(
+        datasets, form_sizes, best = fit_form_errors(
             cases, datasets, space, best, lambda d, solution: reweight_datasets(cases, d, space, solution)[0]
         )
     datasets, fixed_space, solution = _limit_stated_values(cases, datasets, space, renames, best, loss)
@@ -143,7 +143,7 @@ def fit(
         cases=tuple(
             build_case_fit(space, solution, *of_case)
             for of_case in zip(
-                cases, datasets, noise, blocks_of_cases, folds, predictions, form_shares, strict=True
+                cases, datasets, noise, blocks_of_cases, folds, predictions, form_sizes, strict=True
             )
         ),
         converged=bool(solution.converged),

@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +22,7 @@ from jaxtyping import Array, Float
 from pamjax.errors import BadInput
 from pamjax.infer.fitting.least_squares import Solution, solve_least_squares
 from pamjax.infer.form_errors.dataset_form import (
+    build_dataset_form_source,
     build_form_columns,
     compute_raw_effect,
     compute_white_misfit,
@@ -28,15 +30,36 @@ from pamjax.infer.form_errors.dataset_form import (
     set_form_columns,
     whiten_columns,
 )
-from pamjax.infer.form_errors.parts import FormErrorPart, build_form_part, compute_prediction_sd
+from pamjax.infer.form_errors.form_model import FormErrorModel, build_form_error_model, is_transferable
+from pamjax.infer.form_errors.parts import (
+    FormErrorPart,
+    build_form_part,
+    compute_joint_covariance,
+    compute_prediction_sd,
+)
 from pamjax.infer.form_errors.shares import FormCost, choose_shares
 from pamjax.infer.problem.dataset import Dataset, get_stated_sds
+from pamjax.infer.problem.form_filter import estimate_coefficients
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.jit import compile_on_call
 from pamjax.records.case import Case
 
 #: Refits; the form errors are computed again before each, because they change with effects and noise.
 _FORM_ERROR_ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class FormSizes:
+    """Sizes of the form errors of one dataset.
+
+    Attributes:
+        shares: by mechanism, the size as a share of the effect.
+        values: (p,) parameter values from which the columns were built, SI.
+    """
+
+    shares: dict[str, float]
+    values: Float[Array, " p"]
+
 
 #: Function that estimates the noise of all datasets from the residuals of a solution.
 Reweight = Callable[[tuple[Dataset, ...], Solution], tuple[Dataset, ...]]
@@ -59,8 +82,8 @@ def fit_form_errors(
     space: ParameterSpace,
     solution: Solution,
     reweight: Reweight,
-) -> tuple[tuple[Dataset, ...], list[dict[str, float]], Solution]:
-    """Return the datasets with form errors, their shares by mechanism for each dataset, and the solution.
+) -> tuple[tuple[Dataset, ...], list[FormSizes], Solution]:
+    """Return the datasets with form errors, their sizes for each dataset, and the solution.
 
     Args:
         cases: the recordings.
@@ -72,6 +95,7 @@ def fit_form_errors(
     # Noise that was estimated from the residual may contain the form errors.
     datasets = tuple(map(_trust_stated_noise, cases, datasets))
     shares: list[dict[str, float]] = [{} for _ in datasets]
+    values = space.to_values(solution.u)
     for _ in range(_FORM_ERROR_ROUNDS):
         values = space.to_values(solution.u)
         columns = [_build_columns(*pair, values) for pair in zip(cases, datasets, strict=True)]
@@ -86,7 +110,8 @@ def fit_form_errors(
         )
         solution = solve_least_squares(datasets, space, solution.u)
         datasets = reweight(datasets, solution)
-    return datasets, shares, solve_least_squares(datasets, space, solution.u)
+    sizes = [FormSizes(of, values) for of in shares]
+    return datasets, sizes, solve_least_squares(datasets, space, solution.u)
 
 
 def _trust_stated_noise(case: Case, dataset: Dataset) -> Dataset:
@@ -152,22 +177,37 @@ def _compute_derivatives(
     return jnp.moveaxis(derivatives, -1, 0)
 
 
+@dataclass(frozen=True, eq=False)
+class FormDescription:
+    """Form errors of one case.
+
+    Attributes:
+        parts: form error of each mechanism.
+        prediction_sd: (2, n) sd of the prediction, SI.
+        model: form errors for other recordings; None if there are none.
+    """
+
+    parts: dict[str, FormErrorPart]
+    prediction_sd: np.ndarray
+    model: FormErrorModel | None
+
+
 def describe_form_errors(
-    case: Case, dataset: Dataset, space: ParameterSpace, solution: Solution, shares: dict[str, float]
-) -> tuple[dict[str, FormErrorPart], np.ndarray]:
-    """Return the form error of each mechanism, and the sd of the prediction, (2, n), SI.
+    case: Case, dataset: Dataset, space: ParameterSpace, solution: Solution, sizes: FormSizes
+) -> FormDescription:
+    """Return the form errors of a case, the sd of its prediction, and the form errors for other recordings.
 
     Args:
         case: the recording and its muscle.toml.
         dataset: its dataset, with form errors.
         space: the free parameters.
         solution: the solution.
-        shares: the sizes of the form errors, by mechanism.
+        sizes: the sizes of the form errors.
     """
     assert dataset.form_filter is not None
     n, values = case.recording.n, space.to_values(solution.u)
     misfit, parts = compute_white_misfit(dataset, values), {}
-    for id, share in shares.items():
+    for id, share in sizes.shares.items():
         form = dataset.form_filter.estimate_form(misfit, id)
         effect = compute_raw_effect(dataset, values, id)
         form_white, effect_white = np.asarray(whiten_columns(dataset, jnp.asarray(np.stack([form, effect]))))
@@ -178,9 +218,64 @@ def describe_form_errors(
     derivatives, derivatives_white = _whiten_derivatives(dataset, space, solution.u)
     white = np.asarray(dataset.form_filter.white)
     inflation = 1.0 if dataset.whitening is None else float(dataset.whitening.variance_inflation)
-    sd = compute_prediction_sd(
-        np.concatenate([derivatives, columns]),
-        np.concatenate([derivatives_white, white]) / math.sqrt(inflation),
-        np.concatenate([_linearise_prior(space, solution.u)[0], np.ones(len(columns))]),
+    joint_white = np.concatenate([derivatives_white, white]) / math.sqrt(inflation)
+    precision = np.concatenate([_linearise_prior(space, solution.u)[0], np.ones(len(columns))])
+    sd = compute_prediction_sd(np.concatenate([derivatives, columns]), joint_white, precision)
+    return FormDescription(
+        parts,
+        sd[:, :n],
+        _build_model(
+            case,
+            dataset,
+            values,
+            sizes,
+            estimate_coefficients(white, misfit),
+            compute_joint_covariance(joint_white, precision),
+            np.asarray(solution.slope),
+        ),
     )
-    return parts, sd[:, :n]
+
+
+def _build_model(
+    case: Case,
+    dataset: Dataset,
+    values: Float[Array, " p"],
+    sizes: FormSizes,
+    coefficients: np.ndarray,
+    covariance: np.ndarray,
+    slope: np.ndarray,
+) -> FormErrorModel | None:
+    """Return the form errors for other recordings.
+
+    Args:
+        case, dataset, values, sizes: recording, dataset, parameter values and sizes of the form errors.
+        coefficients: (r,) estimated coefficients of the columns.
+        covariance: (p + r, p + r) of the coordinates of the parameters and of the coefficients.
+        slope: (p,) derivative of value by coordinate.
+    """
+    # Form errors of a measured length are no forces, and `validate` and `simulate` predict forces.
+    if case.recording.measures_length:
+        return None
+    assert dataset.form_filter is not None
+    indices = [index for _, index in dataset.free_parameters]
+    kept = np.concatenate([indices, np.arange(slope.size, len(covariance))]).astype(int)
+    unit = np.concatenate([slope[indices], np.ones(coefficients.size)])
+    return build_form_error_model(
+        dataset.law,
+        dataset.mechanisms,
+        _collect_numbers(dataset, values),
+        _collect_numbers(dataset, sizes.values),
+        [name for name, _ in dataset.free_parameters],
+        {
+            id: build_dataset_form_source(case, dataset, sizes.values, id, share)
+            for id, share in sizes.shares.items()
+            if is_transferable(id, share)
+        },
+        dataset.form_filter.owners,
+        coefficients,
+        covariance[np.ix_(kept, kept)] * np.outer(unit, unit),
+    )
+
+
+def _collect_numbers(dataset: Dataset, values: Float[Array, " p"]) -> dict[str, float]:
+    return {name: float(number) for name, number in dataset.collect_parameters(values).items()}

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT, SI_UNIT, to_display
+from pamjax.infer.form_errors.form_model_file import FORM_MODEL_KEY, build_form_model_entry
 from pamjax.records.files import write_atomically
 from pamjax.units import compute_si_factor
 
@@ -83,10 +84,17 @@ def _build_case_entry(case_fit: CaseFit, law: str, mechanisms: tuple[str, ...]) 
         "muscle": {"law": law, "mechanisms": list(mechanisms), "numbers": case_fit.numbers},
         "muscle_toml": case_fit.case.text,
         "form_errors": {id: _build_form_entry(case_fit, part) for id, part in case_fit.form_errors.items()},
+        **_build_form_model(case_fit),
         "failed": {status.name: rows.tolist() for status, rows in case_fit.failed_rows.items()},
         "set_aside": [str(aside) for aside in recording.outliers],
         "warnings": list(case_fit.case.warnings),
     }
+
+
+def _build_form_model(case_fit: CaseFit) -> dict[str, Any]:
+    """Return the form errors for other recordings under their key; empty if there are none."""
+    model = case_fit.form_error_model
+    return {} if model is None else {FORM_MODEL_KEY: build_form_model_entry(model)}
 
 
 def _build_form_entry(case_fit: CaseFit, part: FormErrorPart) -> dict[str, Any]:

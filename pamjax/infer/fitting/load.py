@@ -5,14 +5,17 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from pamjax.errors import BadInput, suggest_word
 from pamjax.infer.fitting.io import FIT_SCHEMA
+from pamjax.infer.form_errors.form_model import FormErrorModel
+from pamjax.infer.form_errors.form_model_file import FORM_MODEL_KEY, read_form_model
 from pamjax.infer.problem.priors import collect_stated_values, estimate_tube_sizes
 from pamjax.model.assembly import assemble, assemble_bench, list_mechanism_parameters, resolve_bench_law
 from pamjax.model.bench import Bench
@@ -21,8 +24,8 @@ from pamjax.model.parameters import find_meaning
 from pamjax.model.registry import check_exclusive_pairs
 from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
 from pamjax.records.files import read_bytes
+from pamjax.records.json_number import check_json_number
 from pamjax.records.reading.muscle_toml import MuscleToml, read_muscle_toml
-from pamjax.units import is_representable
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,7 @@ class LoadedMuscle:
             not calibrated.
         law, mechanisms, numbers: thread law, mechanisms and parameters of the muscle; parameters in SI.
         checksum: checksum of its recording and muscle.toml; "" without a recording.
+        form_errors: the muscle with the form errors of its fit; None if there are none. `muscle` has none.
     """
 
     muscle: Muscle | Bench
@@ -47,6 +51,7 @@ class LoadedMuscle:
     mechanisms: tuple[str, ...]
     numbers: Mapping[str, Array]
     checksum: str = ""
+    form_errors: FormErrorModel | None = None
 
     @property
     def neglects_rubber(self) -> bool:
@@ -67,7 +72,8 @@ def load_muscle(
 ) -> LoadedMuscle:
     """Return a muscle with its law, parameters, muscle.toml and calibrated range.
 
-    The `muscle` of the result is the `Muscle`, or a `Bench` if it has mechanisms.
+    The `muscle` of the result is the `Muscle`, or a `Bench` if it has mechanisms. It has no form errors:
+    `validate` and the command `simulate` add those of `form_errors`, all other functions neglect them.
 
     Args:
         source: a case folder, a muscle.toml, a fit.json, or a model.json of a diagnosis.
@@ -169,14 +175,6 @@ def _load_calibrated(file: Path, case: str | None, settings: Mapping[str, float]
         raise BadInput.from_rule(rule, f"no {error}", file.name, remedy) from error
 
 
-def _check_number(name: str, value: object, file: str) -> float:
-    """Return a number of a fit.json; JSON readers of Python also accept NaN and Infinity."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not is_representable(value):
-        rule, remedy = f"`{name}` must be a finite number", "Write the file again with `pamjax fit`."
-        raise BadInput.from_rule(rule, repr(value), file, remedy)
-    return float(value)
-
-
 def _load_case_entry(
     cases: dict, file: Path, case: str | None, settings: Mapping[str, float]
 ) -> LoadedMuscle:
@@ -191,7 +189,7 @@ def _load_case_entry(
         raise BadInput.from_rule(f"unknown case {name!r} in {file.name}", remedy=suggest_word(name, cases))
     case_entry = cases[name]
     numbers = {
-        key: jnp.asarray(_check_number(key, value, file.name))
+        key: jnp.asarray(check_json_number(key, value, file.name))
         for key, value in case_entry["muscle"]["numbers"].items()
     }
     muscle_toml = read_muscle_toml(case_entry["muscle_toml"].encode(), "muscle.toml")
@@ -200,8 +198,8 @@ def _load_case_entry(
     parts = _add_mechanisms(muscle["law"], muscle["mechanisms"], numbers, tube_sizes, settings)
     ranges = {
         key: (
-            _check_number(f"{key}.low", ends["low"], file.name),
-            _check_number(f"{key}.high", ends["high"], file.name),
+            check_json_number(f"{key}.low", ends["low"], file.name),
+            check_json_number(f"{key}.high", ends["high"], file.name),
         )
         for key, ends in case_entry["calibrated"].items()
     }
@@ -212,4 +210,20 @@ def _load_case_entry(
         ranges,
         *parts,
         case_entry.get("checksum", ""),
+        _load_form_errors(case_entry, file, tube_sizes, settings),
     )
+
+
+def _load_form_errors(
+    case_entry: Mapping[str, Any], file: Path, tube_sizes, settings: Mapping[str, float]
+) -> FormErrorModel | None:
+    """Return the muscle with form errors, and with the values in `settings`; None if there are none."""
+    entry, muscle = case_entry.get(FORM_MODEL_KEY), case_entry["muscle"]
+    if entry is None:
+        return None
+    model = read_form_model(entry, muscle["law"], muscle["mechanisms"], file.name)
+    (law, ids, numbers), (_, _, effect_numbers) = (
+        _add_mechanisms(model.law, model.mechanisms, values, tube_sizes, settings)
+        for values in (model.numbers, model.effect_numbers)
+    )
+    return replace(model, law=law, mechanisms=ids, numbers=numbers, effect_numbers=effect_numbers)

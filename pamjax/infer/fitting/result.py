@@ -12,6 +12,7 @@ from pamjax.drawing import DrawableResult
 from pamjax.errors import suggest_word
 from pamjax.infer.fitting.determination import DETERMINED, classify_sd_ratio, compute_prior_scale
 from pamjax.infer.fitting.least_squares import Loss, Solution
+from pamjax.infer.form_errors.form_model import FormErrorModel
 from pamjax.infer.form_errors.parts import FormErrorPart
 from pamjax.infer.noise.sensor_noise import ChannelNoise
 from pamjax.infer.problem.dataset import Dataset
@@ -111,6 +112,7 @@ class CaseFit:
         form_errors: by mechanism; empty for a fit without form errors.
         prediction_sd: (n,) by channel, SI, sd of the prediction due to parameters and form errors; empty for
             a fit without form errors.
+        form_error_model: form errors that predict other recordings; None if there are none.
     """
 
     case: Case
@@ -125,6 +127,7 @@ class CaseFit:
     failed_rows: dict[Status, np.ndarray]
     form_errors: dict[str, FormErrorPart] = field(default_factory=dict)
     prediction_sd: dict[str, np.ndarray] = field(default_factory=dict)
+    form_error_model: FormErrorModel | None = None
 
     @property
     def calibrated_range(self) -> dict[str, tuple[float, float]]:

@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from pamjax.infer.form_errors.columns import build_columns_of_effect
-from pamjax.infer.form_errors.coordinates import Coordinates
+from pamjax.infer.form_errors.coordinates import Coordinates, CoordinateScales
+from pamjax.infer.form_errors.form_source import FormSource, build_form_source
 from pamjax.infer.problem.dataset import Dataset, compute_si_misfit, predict_row_channels
 from pamjax.infer.problem.form_filter import FormFilter
 from pamjax.jit import compile_on_call
@@ -46,37 +47,71 @@ def build_form_columns(case: Case, dataset: Dataset, values: Float[Array, " p"],
         values: (p,) parameter values, SI.
         id: the mechanism.
     """
-    n, form_error = case.recording.n, find_mechanism(id).form_error
-    effect = compute_raw_effect(dataset, values, id)
-    reshaped_effects = [
-        compute_raw_effect(*_scale_parameters(dataset, values, id, factors), id)[:, :n]
-        for factors in form_error.shape_factors
-    ]
-    columns = build_columns_of_effect(
-        form_error, build_coordinates(case, dataset), effect[:, :n], reshaped_effects
+    form_error = find_mechanism(id).form_error
+    effect, reshaped_effects, _ = _compute_effects(case, dataset, values, id)
+    columns = build_columns_of_effect(form_error, build_coordinates(case, dataset), effect, reshaped_effects)
+    return np.pad(columns, ((0, 0), (0, 0), (0, dataset.rows.pressure.size - case.recording.n)))
+
+
+def build_dataset_form_source(
+    case: Case, dataset: Dataset, values: Float[Array, " p"], id: str, share: float
+) -> FormSource:
+    """Return the constants of the columns of a mechanism's form error; arguments as of `build_form_columns`.
+
+    Args:
+        case, dataset, values, id: as of `build_form_columns`.
+        share: size of the form error, as a share of the effect.
+    """
+    effect, reshaped_effects, reshaped_values = _compute_effects(case, dataset, values, id)
+    limits = CoordinateScales.from_recording(case.recording, *_find_compared_rows(case, dataset))
+    return build_form_source(
+        find_mechanism(id).form_error,
+        case.recording,
+        limits,
+        build_coordinates(case, dataset),
+        effect,
+        reshaped_effects,
+        reshaped_values,
+        share,
     )
-    return np.pad(columns, ((0, 0), (0, 0), (0, effect.shape[1] - n)))
 
 
 def build_coordinates(case: Case, dataset: Dataset) -> Coordinates:
     """Return the variables of the form errors at each row of the recording."""
+    return Coordinates.from_recording(case.recording, *_find_compared_rows(case, dataset))
+
+
+def _find_compared_rows(case: Case, dataset: Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Return whether a row has a compared sample, and its rate of change of the length (m/s), (n,) each."""
     rows, n = dataset.rows, case.recording.n
     is_compared = np.asarray((rows.force_weight > 0) | (rows.diameter_weight > 0))[:n]
-    return Coordinates.from_recording(
-        case.recording, is_compared, np.asarray(dataset.history.rate(rows.length))[:n]
-    )
+    return is_compared, np.asarray(dataset.history.rate(rows.length))[:n]
 
 
-def _scale_parameters(dataset: Dataset, values, id: str, factors: Mapping[str, float]):
-    """Return dataset and values with some parameters multiplied, within their limits."""
+def _compute_effects(
+    case: Case, dataset: Dataset, values, id: str
+) -> tuple[np.ndarray, list[np.ndarray], list[dict[str, float]]]:
+    """Return the effect of a mechanism, (2, n), those with other shapes, and their shape parameters, SI."""
+    n = case.recording.n
+    reshaped_values = [
+        _scale_shape(dataset, values, id, factors) for factors in find_mechanism(id).form_error.shape_factors
+    ]
+    reshaped_effects = [
+        compute_raw_effect(*_replace_parameters(dataset, values, id, shape), id)[:, :n]
+        for shape in reshaped_values
+    ]
+    return compute_raw_effect(dataset, values, id)[:, :n], reshaped_effects, reshaped_values
+
+
+def _scale_shape(dataset: Dataset, values, id: str, factors: Mapping[str, float]) -> dict[str, float]:
+    """Return some parameters of a mechanism, multiplied within their limits, by field, SI."""
     numbers, meanings = dataset.collect_parameters(values), list_field_meanings(find_mechanism(id))
-    scaled = {
+    return {
         field: float(
             np.clip(float(numbers[f"{id}.{field}"]) * factor, meanings[field].low, meanings[field].high)
         )
         for field, factor in factors.items()
     }
-    return _replace_parameters(dataset, values, id, scaled)
 
 
 def _replace_parameters(dataset: Dataset, values, id: str, new: Mapping[str, float]):

@@ -68,11 +68,15 @@ class DiscrepancyNoise(NoiseModel):
 
     def estimate_discrepancy(self, residual: np.ndarray, owner: str | None = None) -> np.ndarray:
         """Return the posterior mean of all form errors, or those of one owner, in a residual, (2, n), SI."""
-        white = np.nan_to_num(NoiseModel.whiten(self, self.columns))
-        coefficients = estimate_coefficients(white, np.nan_to_num(NoiseModel.whiten(self, residual)))
+        coefficients = self.estimate_coefficients(residual)
         if owner is not None:
             coefficients = np.where([other == owner for other in self.owners], coefficients, 0.0)
         return np.einsum("r,rcn->cn", coefficients, self.columns)
+
+    def estimate_coefficients(self, residual: np.ndarray) -> np.ndarray:
+        """Return the posterior mean of the coefficients of the columns, (r,), from a residual, (2, n), SI."""
+        white = np.nan_to_num(NoiseModel.whiten(self, self.columns))
+        return estimate_coefficients(white, np.nan_to_num(NoiseModel.whiten(self, residual)))
 
     def remove_columns(self, owners: Collection[str]) -> DiscrepancyNoise:
         """Return the noise without the form errors of some mechanisms."""

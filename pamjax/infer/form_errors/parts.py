@@ -76,7 +76,12 @@ def compute_prediction_sd(columns: np.ndarray, white: np.ndarray, precision: np.
         white: (k, size) the same, whitened by the noise.
         precision: (k,) 1 / variance of their priors.
     """
-    information = white @ white.T + np.diag(precision)
-    inverse, unit = invert_scaled(information)
+    inverse, unit = invert_scaled(white @ white.T + np.diag(precision))
     scaled = columns / unit[:, None, None]
     return np.sqrt(np.maximum(np.einsum("kcn,kl,lcn->cn", scaled, inverse, scaled, optimize=True), 0.0))
+
+
+def compute_joint_covariance(white: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """Return the covariance of parameters and coefficients, (k, k); arguments as above."""
+    inverse, unit = invert_scaled(white @ white.T + np.diag(precision))
+    return inverse / np.outer(unit, unit)

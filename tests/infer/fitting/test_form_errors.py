@@ -1,11 +1,7 @@
 """Fits of simulated muscles whose mechanism differs from its equation."""
 
-import dataclasses
 import json
-from functools import cache
-from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -13,52 +9,9 @@ from pamjax.errors import BadInput
 from pamjax.infer.fitting.fit import fit
 from pamjax.infer.fitting.io import build_fit_document, build_xarray_dataset
 from pamjax.infer.posterior.log_density import build_density
-from pamjax.model.assembly import assemble_bench
-from pamjax.records.case import Case
-from pamjax.records.protocol import Protocol
-from pamjax.records.reading.muscle_toml import Sensors
-from pamjax.records.simulate import simulate
 from tests.agreement import ROUNDING, agree
-from tests.infer.made import TRUE, build_muscle_toml
-
-SENSORS = Sensors(force=2.0)
-MECHANISM = "contact_pressure"
-STRENGTH = {"contact_pressure.threshold": 30e3}
-#: Five isobars of 31 rows.
-PLAN = Protocol(
-    kind="strokes",
-    pressures=["100 kPa", "200 kPa", "350 kPa", "500 kPa", "690 kPa"],
-    contractions=[0.2],
-    speed="3.14 mm/s",
-    cycles=1,
-)
-QUICK = {"mechanisms": [MECHANISM], "starts": 1, "fold_count": 5}
-
-
-@cache
-def simulate_exactly(on):
-    numbers = {key: jnp.asarray(value) for key, value in TRUE.items()} | (
-        {key: jnp.asarray(value) for key, value in STRENGTH.items()} if on else {}
-    )
-    schedule = PLAN.build_schedule(TRUE["muscle.rest_length"])
-    return simulate(assemble_bench("elastic", (MECHANISM,), numbers), schedule, Sensors())
-
-
-def build_case(share, seed=0):
-    """Return a case whose effect differs from its equation by a share of its rms, in length and pressure."""
-    on, off = simulate_exactly(True), simulate_exactly(False)
-    x, y = (2 * (v - v.min()) / np.ptp(v) - 1 for v in (on.length, on.pressure))
-    shape = x + y
-    shape = shape / np.sqrt(np.mean(shape**2))
-    force = off.force + (on.force - off.force) * (1 + share * shape)
-    noise = SENSORS.force * np.random.default_rng(seed).standard_normal(on.n)
-    recording = dataclasses.replace(on, force=force + noise, diameter=np.full(on.n, np.nan))
-    return Case("made", Path("."), build_muscle_toml((0.0, 0.0, 0.0), SENSORS), recording, "")
-
-
-@cache
-def fit_case(share, form_error):
-    return fit(build_case(share), form_error=form_error, **QUICK)
+from tests.infer.deviating import MECHANISM, STRENGTH, build_case, fit_case
+from tests.infer.made import TRUE
 
 
 def compute_worst_deviation(fitted):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pamjax.infer.form_errors.columns import build_columns_of_effect
+from pamjax.infer.form_errors.columns import build_columns_of_effect, estimate_form_shape
 from pamjax.infer.form_errors.coordinates import Coordinates
 from pamjax.model.form_error import FormError, list_powers
 from tests.agreement import ROUNDING, agree
@@ -46,3 +46,18 @@ def test_harmonics_of_a_course_become_smaller_as_in_a_random_walk():
     size = compute_rms(columns)
     agree(size / size[0], 1 / np.arange(1, 6), 0.02)
     agree(np.sqrt(np.sum(size**2)), np.sqrt(np.mean(EFFECT[0] ** 2)), 0.02)
+
+
+def test_other_rows_have_the_constants_of_the_fit():
+    form_error, reshaped = FormError(("pressure", "length^2")), [EFFECT * np.exp(COORDINATES.length)]
+    local = COORDINATES.rescale(EFFECT[0])
+    shape, rows = estimate_form_shape(form_error, local, EFFECT, reshaped), slice(20, 90)
+    own_rows = Coordinates(
+        **{name: None if name == "time" else values[rows] for name, values in vars(local).items()}
+    )
+    columns = shape.build_columns(own_rows, EFFECT[:, rows], [reshaped[0][:, rows]])
+    expected = build_columns_of_effect(form_error, COORDINATES, EFFECT, reshaped)[:, :, rows]
+    agree(columns, expected, ROUNDING, 1.0)
+    # Constants of these rows alone are others.
+    own_shape = estimate_form_shape(form_error, own_rows, EFFECT[:, rows], [reshaped[0][:, rows]])
+    assert np.abs(own_shape.parallel_shares[:, 0] / shape.parallel_shares[:, 0] - 1).max() > 0.1
