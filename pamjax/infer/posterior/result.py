@@ -121,9 +121,9 @@ class Posterior(DrawableResult, NotebookText):
 
     def thin_draws(self, count: int) -> np.ndarray:
         """Return (at most count, p) draws at equal distances over all chains, SI."""
-        n, chains, size = self.draws.shape
-        step = max(1, n * chains // count)
-        return self.draws.reshape(n * chains, size)[::step][:count]
+        # A constant integer step could be a multiple of the number of chains, and select one chain only.
+        rows = np.linspace(0, len(self.flat) - 1, min(count, len(self.flat))).round().astype(int)
+        return self.flat[rows]
 
     def __str__(self) -> str:
         from pamjax.infer.posterior.report import format_posterior_summary
