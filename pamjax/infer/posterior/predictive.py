@@ -115,7 +115,7 @@ def compute_block_log_likelihoods(
         labels.append((names, jnp.asarray(label)))
     row_labels = [label for _, label in labels]
     parts = [
-        _sum_blocks(density, *jax.tree.map(jnp.asarray, (batch, forms)), row_labels)
+        _sum_blocks(density, jnp.asarray(batch), [jnp.asarray(form) for form in forms], row_labels)
         for batch, *forms in zip(*map(_split_batches, [u, *coefficients]), strict=True)
     ]
     return [

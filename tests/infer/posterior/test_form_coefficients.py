@@ -70,7 +70,7 @@ def build_density(columns=COLUMNS, power=1.0, noise_sd=0.2):
     stacked = np.stack([columns, np.zeros_like(columns)], axis=1)
     form = FormColumns(jnp.asarray(stacked), ("contact_pressure",) * len(columns))
     dataset = LinearDataset(jnp.asarray(MEASURED))
-    return PosteriorDensity((dataset,), ((likelihood,),), ((jnp.asarray(power),),), (form,), space)  # pyright: ignore[reportArgumentType]
+    return PosteriorDensity((dataset,), ((likelihood,),), ((jnp.asarray(power),),), (form,), space)
 
 
 def build_noise_covariance():
