@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from pamjax.cli.options import DEFAULT_MODEL, Json, ModelOptions
 from pamjax.cli.screen import (
@@ -23,6 +25,7 @@ def sample(
     *,
     out: Path = Path("out"),
     model: ModelOptions = DEFAULT_MODEL,
+    form_error: Annotated[bool, Parameter(negative="")] = False,
     priors: Path | None = None,
     sampler: Literal["emcee", "nuts"] = "emcee",
     ess: float = 1000.0,
@@ -42,6 +45,7 @@ def sample(
     Args:
         cases: case folders, each with recording.csv and muscle.toml.
         out: output folder.
+        form_error: allow for differences between effects and the equations of the mechanisms.
         priors: TOML file with priors that replace those of muscle.toml. It has one table for each parameter,
             such as ["thread.modulus"], with value, sd, low and high, each with its unit.
         sampler: emcee (ensemble sampler) or nuts (needs the package blackjax).
@@ -67,6 +71,7 @@ def sample(
         post = draw_posterior(
             parsed_cases,
             *model.fit_arguments,
+            form_error=form_error,
             priors=stated_priors,
             sampler=sampler,
             ess=ess,

@@ -158,21 +158,26 @@ def _format_case(case_fit: CaseFit, several: bool) -> Iterator[str]:
 
 def format_form_errors(case_fit: CaseFit) -> Iterator[str]:
     """Return a line on the form error of each mechanism: its size, and the part of the equation."""
-    channels = case_fit.case.recording.model_channels
     for id, part in case_fit.form_errors.items():
-        sizes = [
-            (channel, form, effect)
-            for channel, form, effect in zip(channels, part.form_rms, part.effect_rms, strict=True)
-            if channel in case_fit.noise and effect > MIN_SHOWN_EFFECT * case_fit.noise[channel].sd
-        ]
-        if not sizes:
+        effects = select_shown_effects(case_fit, part.effect_rms)
+        if not effects:
             continue
-        effects = ", ".join(format_channel_value(effect, channel) for channel, _, effect in sizes)
+        textbook_part = ", ".join(format_channel_value(rms, channel) for channel, rms in effects.items())
         if not part.share:
-            yield f"form error of {id}: none, textbook part {effects}"
+            yield f"form error of {id}: none, textbook part {textbook_part}"
             continue
-        forms = ", ".join(format_channel_value(form, channel) for channel, form, _ in sizes)
-        yield f"form error of {id}: {part.ratio:.0%} (rms {forms}), textbook part {effects}"
+        rms_by_channel = zip(case_fit.case.recording.model_channels, part.form_rms, strict=True)
+        forms = ", ".join(format_channel_value(rms, c) for c, rms in rms_by_channel if c in effects)
+        yield f"form error of {id}: {part.ratio:.0%} (rms {forms}), textbook part {textbook_part}"
+
+
+def select_shown_effects(case_fit: CaseFit, effect_rms: np.ndarray) -> dict[str, float]:
+    """Return the rms effect of a mechanism, (2,), SI, of each channel in which it is not negligible."""
+    return {
+        channel: float(rms)
+        for channel, rms in zip(case_fit.case.recording.model_channels, effect_rms, strict=True)
+        if channel in case_fit.noise and rms > MIN_SHOWN_EFFECT * case_fit.noise[channel].sd
+    }
 
 
 def _format_contraction_error(case_fit: CaseFit, rmse: float) -> str:

@@ -186,6 +186,15 @@ class Fit(DrawableResult, NotebookText):
         return any(case_fit.form_errors for case_fit in self.cases)
 
     @property
+    def form_shares(self) -> dict[str, dict[str, float]]:
+        """Return the sizes of the form errors by case and mechanism, as shares of the effects."""
+        return {
+            case_fit.case.name: {id: part.share for id, part in case_fit.form_errors.items()}
+            for case_fit in self.cases
+            if case_fit.form_errors
+        }
+
+    @property
     def muscle(self) -> Muscle:
         """Return the calibrated muscle of a fit of one case, without its mechanisms."""
         (only,) = self.cases

@@ -65,7 +65,7 @@ def reweight_dataset(
         return _whiten_dataset(case, dataset, space, solution, loss)
     sensors, n = case.muscle_toml.sensors, case.recording.n
     sd = compute_effective_sd(dataset, space.to_values(solution.u), sensors, estimate_starting_sd(case))
-    misfit = _compute_noise_residuals(dataset, space.to_values(solution.u))
+    misfit = compute_noise_residuals(dataset, space.to_values(solution.u))
     weights, channel_weights, noise = np.zeros_like(misfit), np.ones(2), {}
     fitted_parameters = _count_effective_parameters(solution)
     channels = case.recording.model_channels
@@ -162,7 +162,7 @@ def estimate_noise_of_dataset(
         values: (p,) parameter values, SI.
     """
     n = case.recording.n
-    residual = _compute_noise_residuals(dataset, values)[:, :n]
+    residual = compute_noise_residuals(dataset, values)[:, :n]
     variances = compute_noise_variances(case, dataset, np.asarray(values))
     model = estimate_noise_model(case, residual, np.isfinite(residual), np.ones(n, dtype=bool), variances)
     return model, residual
@@ -232,14 +232,10 @@ def _whiten_residuals(dataset: Dataset, standardised: Float[Array, "2 n"]) -> Fl
     return dataset.whiten_form_errors(jnp.concatenate(dataset.whiten_channels(*standardised))).reshape(2, -1)
 
 
-def compute_si_residuals(dataset: Dataset, values: jnp.ndarray) -> np.ndarray:
-    """Return measured − model, SI, (2, n); NaN where not measured."""
-    return np.where(dataset.rows.weights > 0, compute_si_misfit(dataset, values), np.nan)
-
-
-def _compute_noise_residuals(dataset: Dataset, values: jnp.ndarray) -> np.ndarray:
+def compute_noise_residuals(dataset: Dataset, values: jnp.ndarray) -> np.ndarray:
     """Return measured − model − estimated form errors, SI, (2, n); NaN where not measured."""
-    return compute_si_residuals(dataset, values) - estimate_form(dataset, values)
+    residual = compute_si_misfit(dataset, values) - estimate_form(dataset, values)
+    return np.where(dataset.rows.weights > 0, residual, np.nan)
 
 
 def _clip_outliers(standardised: np.ndarray) -> np.ndarray:

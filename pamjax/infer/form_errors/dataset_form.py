@@ -29,13 +29,20 @@ def has_form_error(id: str) -> bool:
 
 def compute_raw_effect(dataset: Dataset, values: Float[Array, " p"], id: str) -> np.ndarray:
     """Return what a mechanism changes in the prediction, (2, n), SI; zero where a state has no answer."""
+    without = predict_row_channels(*remove_effect(dataset, values, id))
+    return np.nan_to_num(predict_row_channels(dataset, values) - without)
+
+
+def remove_effect(
+    dataset: Dataset, values: Float[Array, "*draws p"], id: str
+) -> tuple[Dataset, Float[Array, "*draws p"]]:
+    """Return dataset and values, SI, with the parameters of a mechanism at their neutral values."""
     neutral = {
         field: meaning.neutral
         for field, meaning in list_field_meanings(find_mechanism(id)).items()
         if meaning.neutral is not None
     }
-    without = predict_row_channels(*_replace_parameters(dataset, values, id, neutral))
-    return np.nan_to_num(predict_row_channels(dataset, values) - without)
+    return _replace_parameters(dataset, values, id, neutral)
 
 
 def build_form_columns(case: Case, dataset: Dataset, values: Float[Array, " p"], id: str) -> np.ndarray:
@@ -120,7 +127,7 @@ def _replace_parameters(dataset: Dataset, values, id: str, new: Mapping[str, flo
     for field, value in new.items():
         name = f"{id}.{field}"
         if name in indices:
-            values = values.at[indices[name]].set(value)
+            values = values.at[..., indices[name]].set(value)
         else:
             fixed_values[name] = jnp.asarray(value)
     return dataclasses.replace(dataset, fixed_values=fixed_values), values

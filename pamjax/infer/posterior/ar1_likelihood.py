@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from pamjax.channels import DISPLAY_UNIT, SI_UNIT
-from pamjax.infer.fitting.reweight import compute_si_residuals, estimate_noise_of_dataset
+from pamjax.infer.fitting.reweight import compute_noise_residuals, estimate_noise_of_dataset
 from pamjax.infer.noise.autocorrelation import estimate_autocorrelation_time
 from pamjax.infer.noise.sensor_noise import compute_effective_sd
 from pamjax.infer.problem.dataset import CHANNELS, Dataset, estimate_starting_sd
@@ -143,7 +143,7 @@ def build_noise_parameters(
         first_index: index of the first noise parameter.
     """
     sensors, n = case.muscle_toml.sensors, case.recording.n
-    misfit = compute_si_residuals(dataset, values)
+    misfit = compute_noise_residuals(dataset, values)
     model = None if dataset.whitening is None else estimate_noise_of_dataset(case, dataset, values)[0]
     propagated_sd = compute_effective_sd(dataset, values, sensors, (0.0, 0.0))
     parameters, likelihoods = [], []

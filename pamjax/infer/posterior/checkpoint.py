@@ -34,8 +34,16 @@ def build_identity(
     priors: Mapping[str, Mapping[str, Any]],
     sampler: str,
     seed: int,
+    form_shares: Mapping[str, Mapping[str, float]],
 ) -> dict[str, Any]:
-    """Return the identity of a chain: data, model, priors, sampler and seed."""
+    """Return the identity of a chain: data, model, priors, sampler and seed.
+
+    Args:
+        cases, space, law, mechanisms: as in the fit.
+        priors: priors that replace those of the fit.
+        sampler, seed: of the chain.
+        form_shares: by case, the sizes of the form errors by mechanism; empty for exact equations.
+    """
     prior_arrays = [
         [float(f"{v:.12g}") for v in np.asarray(a)] for a in (space.low, space.high, space.mean, space.sd)
     ]
@@ -48,6 +56,7 @@ def build_identity(
             "mechanisms": list(mechanisms),
             "numbers": list(space.names),
             "memory": {case.name: [case.gaps, case.before] for case in cases},
+            "form_errors": {name: dict(shares) for name, shares in form_shares.items()},
         },
         "priors": hashlib.sha256(json.dumps([prior_arrays, priors], sort_keys=True).encode()).hexdigest(),
         "sampler": sampler,

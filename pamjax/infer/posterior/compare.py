@@ -2,10 +2,12 @@
 
 The score of a posterior is Σ over blocks of ln p(block | the other blocks), by importance sampling
 (`loo.py`). The standard error of the difference of two scores is sqrt(blocks) × sd of the differences. The
-unit is a block, because rows of one loop are correlated.
+unit is a block, because rows of one loop are correlated. The coefficients of form errors are drawn like
+parameters, so that posteriors with and without form errors can be compared.
 
 Limits: the score of an influential block (k̂ > 0.7) is not reliable without another run; the
-report lists such blocks. Samples with reduced weights (`log_density.py`) count fully here.
+report lists such blocks. Samples with reduced weights (`log_density.py`) count fully here. The shapes and
+sizes of form errors are those of a fit to all blocks.
 """
 
 from __future__ import annotations
@@ -156,6 +158,7 @@ def _read_score(path: Path) -> tuple[PosteriorScore, dict[str, np.ndarray]]:
                 "Run `pamjax sample` again.",
             )
         model = ", ".join((f"{tree.attrs['law']} threads", *json.loads(tree.attrs["mechanisms"])))
+        model += " with form errors" if json.loads(tree.attrs.get("form_errors", "{}")) else ""
         names, block_scores, pareto_k = [], [], []
         blocks = tree["log_likelihood"].to_dataset()
         for key, likelihood in blocks.data_vars.items():

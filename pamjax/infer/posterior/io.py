@@ -8,6 +8,8 @@
 | `prior`                | draws of the prior                                                                |
 | `posterior_predictive` | rows with noise at some draws; `prior_predictive` alike                           |
 | `observed_data`        | measurements                                                                      |
+| `form_errors`          | only with form errors: `coefficients` (chain, draw, form), at thinned draws, and  |
+|                        | the `force_form` and `diameter_form` (form, row) that they multiply, in SI        |
 
 With several cases, a parameter of one case has the name case.parameter. Read the file with
 `arviz.from_netcdf` or `xarray.open_datatree`.
@@ -22,15 +24,18 @@ from typing import Any
 
 import numpy as np
 
-from pamjax.channels import SI_UNIT
+from pamjax.channels import DISPLAY_UNIT, SI_UNIT, to_display
+from pamjax.infer.fitting.result import CaseFit
+from pamjax.infer.posterior.form_sizes import FormErrorSize
 from pamjax.infer.posterior.log_density import PosteriorDensity
 from pamjax.infer.posterior.predictive import (
     add_noise,
     compute_block_log_likelihoods,
+    draw_prior_coefficients,
     predict_channels,
     sample_prior,
 )
-from pamjax.infer.posterior.result import Posterior
+from pamjax.infer.posterior.result import Posterior, summarise_draws
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.records.files import write_atomically
 from pamjax.units import compute_si_factor
@@ -61,15 +66,29 @@ def _build_groups(post: Posterior) -> dict[str, Any]:
     }
     stats = {"lp": (("chain", "draw"), post.log_density.T)}
     stats |= {_STATISTIC_NAMES[k]: (("chain", "draw"), v.T) for k, v in post.stats.items()}
+    scored_values = post.draws[:: _compute_scored_step(post)]
+    coefficients = post.draw_coefficients(scored_values.reshape(-1, space.size))
+    shown_values = post.thin_draws(_PREDICTIVE_DRAWS)
     groups = {
         "posterior": draws,
         "sample_stats": stats,
-        "log_likelihood": _build_likelihood_group(post),
+        "log_likelihood": _build_likelihood_group(post, scored_values, coefficients),
         "prior": prior_variables,
-        "posterior_predictive": _build_predictive_group(post, post.thin_draws(_PREDICTIVE_DRAWS)),
-        "prior_predictive": _build_predictive_group(post, prior_values[:_PREDICTIVE_DRAWS]),
+        "posterior_predictive": _build_predictive_group(
+            post, shown_values, post.draw_coefficients(shown_values)
+        ),
+        "prior_predictive": _build_predictive_group(
+            post,
+            prior_values[:_PREDICTIVE_DRAWS],
+            [
+                draw_prior_coefficients(post.density, _PREDICTIVE_DRAWS, k, post.seed)
+                for k in range(len(post.fit.cases))
+            ],
+        ),
         "observed_data": _build_observed_group(post),
     }
+    if post.density.has_form_errors:
+        groups["form_errors"] = _build_form_group(post, coefficients)
     return {name: xr.Dataset(data, attrs=attributes) for name, data in groups.items()}
 
 
@@ -90,6 +109,7 @@ def _build_attributes(post: Posterior) -> dict[str, Any]:
         "checksum": json.dumps({case.name: case.checksum for case in cases}),
         "law": post.fit.law,
         "mechanisms": json.dumps(list(post.fit.mechanisms)),
+        "form_errors": json.dumps(post.fit.form_shares),
         "sampler": post.sampler,
         "memory": json.dumps({case.name: [case.gaps, case.before] for case in cases}),
         "seed": post.seed,
@@ -115,15 +135,32 @@ def _build_unit_attributes(post: Posterior, name: str) -> dict[str, str]:
     }
 
 
-def _build_likelihood_group(post: Posterior) -> dict[str, Any]:
-    n, chains, size = post.draws.shape
-    step = max(1, n * chains // _SCORED_DRAWS)
-    values = post.draws[::step]
+def _compute_scored_step(post: Posterior) -> int:
+    """Return the distance of the draws in `log_likelihood` and `form_errors`."""
+    n, chains, _ = post.draws.shape
+    return max(1, n * chains // _SCORED_DRAWS)
+
+
+def _build_draw_variable(post: Posterior) -> tuple[str, np.ndarray]:
+    """Return the numbers of the thinned draws, as a coordinate."""
+    return "draw", np.arange(len(post.draws))[:: _compute_scored_step(post)]
+
+
+def _build_likelihood_group(
+    post: Posterior, values: np.ndarray, coefficients: list[np.ndarray]
+) -> dict[str, Any]:
+    """Return the log-likelihood of every block at thinned draws.
+
+    Args:
+        post: the posterior.
+        values: (draws, chains, p) parameters, SI.
+        coefficients: (draws × chains, r) coefficients of the form errors, by case.
+    """
+    _, chains, size = values.shape
     u = _compute_points(post.density, values.reshape(-1, size))
-    variables: dict[str, Any] = {"draw": ("draw", np.arange(n)[::step])}
-    for case_fit, (names, sums) in zip(
-        post.fit.cases, compute_block_log_likelihoods(post.density, u, post.fit.cases), strict=True
-    ):
+    variables: dict[str, Any] = {"draw": _build_draw_variable(post)}
+    sums_of_cases = compute_block_log_likelihoods(post.density, u, coefficients, post.fit.cases)
+    for case_fit, (names, sums) in zip(post.fit.cases, sums_of_cases, strict=True):
         block = f"{_format_prefix(post, case_fit)}block"
         variables[f"{_format_prefix(post, case_fit)}blocks"] = (
             ("chain", "draw", block),
@@ -149,10 +186,36 @@ def _compute_points(density: PosteriorDensity, values: np.ndarray) -> np.ndarray
     )
 
 
-def _build_predictive_group(post: Posterior, values: np.ndarray) -> dict[str, Any]:
+def _build_form_group(post: Posterior, coefficients: list[np.ndarray]) -> dict[str, Any]:
+    """Return the coefficients of the form errors at thinned draws, and the shapes that they multiply.
+
+    Args:
+        post: the posterior.
+        coefficients: (draws × chains, r) coefficients, by case.
+    """
+    variables: dict[str, Any] = {"draw": _build_draw_variable(post)}
+    for k, (case_fit, form) in enumerate(zip(post.fit.cases, post.density.forms, strict=True)):
+        if not form.count:
+            continue
+        prefix, n = _format_prefix(post, case_fit), case_fit.case.recording.n
+        by_chain = np.moveaxis(coefficients[k].reshape(-1, post.draws.shape[1], form.count), 0, 1)
+        attributes = {"units": "1", "long_name": "coefficient of a form error; prior N(0, 1)"}
+        variables[f"{prefix}coefficients"] = (("chain", "draw", f"{prefix}form"), by_chain, attributes)
+        variables[f"{prefix}mechanism"] = (f"{prefix}form", np.array(form.owners, dtype=object).astype(str))
+        for likelihood in post.density.likelihoods[k]:
+            channel = CHANNELS[likelihood.channel]
+            shapes = np.asarray(form.columns)[:, likelihood.channel, :n]
+            dims = (f"{prefix}form", f"{prefix}row")
+            variables[f"{prefix}{channel}_form"] = (dims, shapes, _build_channel_attributes(channel))
+    return variables
+
+
+def _build_predictive_group(
+    post: Posterior, values: np.ndarray, coefficients: list[np.ndarray]
+) -> dict[str, Any]:
     variables = {}
     for k, (case_fit, likelihoods) in enumerate(zip(post.fit.cases, post.density.likelihoods, strict=True)):
-        smooth = predict_channels(post.density, values, k)
+        smooth = predict_channels(post.density, values, coefficients[k], k)
         for likelihood in likelihoods:
             channel = CHANNELS[likelihood.channel]
             rows = add_noise(case_fit, likelihood, smooth[channel], values, post.seed)
@@ -221,8 +284,26 @@ def build_posterior_document(post: Posterior) -> dict[str, Any]:
         "seed": post.seed,
         "law": post.fit.law,
         "mechanisms": list(post.fit.mechanisms),
+        "form_errors": {
+            case_fit.case.name: {id: _build_form_entry(case_fit, size) for id, size in sizes.items()}
+            for case_fit, sizes in zip(post.fit.cases, post.form_errors, strict=True)
+        },
         "parameters": parameters,
         "correlation": {"names": list(post.names), "matrix": np.round(post.correlation, 6).tolist()},
+    }
+
+
+def _build_form_entry(case_fit: CaseFit, size: FormErrorSize) -> dict[str, Any]:
+    """Return the form error of a mechanism; its ratio is null for an exact equation."""
+    channels = case_fit.case.recording.model_channels
+    return {
+        "share": size.share,
+        "ratio": vars(summarise_draws(size.ratio)) if size.share else None,
+        "textbook_rms": {
+            channel: {"value": to_display(channel, float(rms)), "unit": DISPLAY_UNIT[channel]}
+            for channel, rms in zip(channels, size.effect_rms, strict=True)
+            if rms > 0
+        },
     }
 
 

@@ -3,6 +3,9 @@
 In the Fisher information of a Gaussian likelihood, parameters of the muscle and of the noise are independent.
 The first block is JᵀJ of the innovations; the second has a closed form (`ar1_likelihood.py`). The priors add
 their curvature. Fisher scoring with this matrix gives the mode.
+
+Form errors add their estimated coefficients to the residuals of the first block. Its JᵀJ is then the
+information after the coefficients are integrated out.
 """
 
 from __future__ import annotations
@@ -46,9 +49,10 @@ def _compute_curvature(density: PosteriorDensity, u: Float[Array, " p"]) -> tupl
     space, values = density.space, density.space.to_values(u)
 
     def compute_all(v):
-        pairs = zip(density.compute_innovations(v), density.powers, strict=True)
+        innovations, coefficients = density.compute_innovations(v)
+        pairs = zip(innovations, density.powers, strict=True)
         rows = [w * jnp.sqrt(p) for ws, ps in pairs for w, p in zip(ws, ps, strict=True)]
-        return jnp.concatenate(rows), space.compute_prior_residual(v), -density(v)
+        return jnp.concatenate([*rows, *coefficients]), space.compute_prior_residual(v), -density(v)
 
     by_mean, prior, gradient = jax.jacfwd(compute_all)(u)
     slope = jax.jvp(space.to_values, (u,), (jnp.ones_like(u),))[1]

@@ -2,6 +2,8 @@
 
     ln p(u | data) = ln prior(u) + Σ over channels of power × Σ over samples of ln p(sample | earlier samples)
 
+The coefficients of form errors are integrated out (`form_coefficients.py`).
+
 The parameters of muscle and noise are in one `ParameterSpace`, with unbounded coordinates u.
 
 The power of a channel is one for the noise of `ar1_likelihood.py`. With other noise, the innovations are
@@ -11,7 +13,7 @@ This widens the posterior.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -27,6 +29,11 @@ from pamjax.infer.posterior.ar1_likelihood import (
     Ar1Likelihood,
     build_noise_parameters,
     estimate_innovation_autocorrelation,
+)
+from pamjax.infer.posterior.form_coefficients import (
+    CoefficientDistribution,
+    FormColumns,
+    condition_coefficients,
 )
 from pamjax.infer.problem.dataset import Dataset
 from pamjax.infer.problem.parameter_space import FreeParameter, ParameterSpace, build_space
@@ -47,33 +54,64 @@ class PosteriorDensity(eqx.Module):
         datasets: the recordings, with weight one for each informative sample, so that residuals are in SI.
         likelihoods: for each dataset the noise models of its channels.
         powers: for each dataset the powers of its channels' likelihoods.
+        forms: for each dataset its form errors.
         space: all parameters, those of the muscles first.
     """
 
     datasets: tuple[Dataset, ...]
     likelihoods: tuple[tuple[Ar1Likelihood, ...], ...]
     powers: tuple[tuple[Array, ...], ...]
+    forms: tuple[FormColumns, ...]
     space: ParameterSpace
 
-    def compute_sample_log_densities(self, u: Float[Array, " p"]) -> list[list[Array]]:
-        """Return the log-density of every sample given the earlier ones, (n,) by dataset and channel."""
+    @property
+    def has_form_errors(self) -> bool:
+        """Return whether a dataset has form errors that are not zero."""
+        return any(form.count for form in self.forms)
+
+    def compute_sample_log_densities(
+        self, u: Float[Array, " p"], coefficients: Sequence[Float[Array, " r"]]
+    ) -> list[list[Array]]:
+        """Return the log-density of every sample given the earlier ones, (n,) by dataset and channel.
+
+        Args:
+            u: unbounded coordinates of the parameters.
+            coefficients: those of the form errors, by dataset.
+        """
         values = self.space.to_values(u)
         return [
-            [
-                likelihood.compute_log_density(misfit, values)
-                for likelihood, misfit in self._pair_residuals(k, values)
-            ]
+            self._compute_channel_log_densities(
+                k, self._compute_residual(k, values) - self.forms[k].compute_form(coefficients[k]), values
+            )
             for k in range(len(self.datasets))
         ]
 
-    def _pair_residuals(self, k: int, values: Array):
-        misfit = self.datasets[k].compute_standardised_residuals(values)
-        return [(likelihood, misfit[likelihood.channel]) for likelihood in self.likelihoods[k]]
+    def _compute_residual(self, k: int, values: Array) -> Float[Array, "2 n"]:
+        """Return measured − equation of one dataset, SI; zero for a sample that is not informative."""
+        return jnp.stack(self.datasets[k].compute_standardised_residuals(values))
+
+    def _compute_channel_log_densities(self, k: int, residual: Array, values: Array) -> list[Array]:
+        return [
+            likelihood.compute_log_density(residual[likelihood.channel], values)
+            for likelihood in self.likelihoods[k]
+        ]
+
+    def compute_coefficients(self, k: int, values: Float[Array, " p"]) -> CoefficientDistribution:
+        """Return the distribution of the form errors' coefficients of dataset k, given the values, SI."""
+        return self._condition_coefficients(k, self._compute_residual(k, values), values)
+
+    def _condition_coefficients(self, k: int, residual: Array, values: Array) -> CoefficientDistribution:
+        return condition_coefficients(self.forms[k], residual, self.likelihoods[k], self.powers[k], values)
 
     def compute_log_likelihood(self, u: Float[Array, " p"]) -> Array:
         """Return the log-likelihood, each channel with its power; −∞ if the muscle has no solution."""
-        parts = zip(self.compute_sample_log_densities(u), self.powers, strict=True)
-        total = sum(p * jnp.sum(x) for xs, ps in parts for x, p in zip(xs, ps, strict=True))
+        values, total = self.space.to_values(u), jnp.asarray(0.0)
+        for k, powers in enumerate(self.powers):
+            residual = self._compute_residual(k, values)
+            log_densities = self._compute_channel_log_densities(k, residual, values)
+            total += sum(p * jnp.sum(x) for x, p in zip(log_densities, powers, strict=True))
+            if self.forms[k].count:
+                total += self._condition_coefficients(k, residual, values).log_factor
         return jnp.where(jnp.isfinite(total), total, -jnp.inf)
 
     def __call__(self, u: Float[Array, " p"]) -> Array:
@@ -81,16 +119,29 @@ class PosteriorDensity(eqx.Module):
         total = self.space.compute_log_prior(u) + self.compute_log_likelihood(u)
         return jnp.where(jnp.isnan(total), -jnp.inf, total)
 
-    def compute_innovations(self, u: Float[Array, " p"]) -> list[list[Array]]:
-        """Return the innovation of every sample in its own sd, by dataset and channel, (n,) each."""
+    def compute_innovations(self, u: Float[Array, " p"]) -> tuple[list[list[Array]], list[Array]]:
+        """Return innovations without the estimated form errors, and the estimated coefficients.
+
+        With the estimate ĉ, |innovations|² + |ĉ|² is χ² of noise and form errors together, for powers of one.
+
+        Args:
+            u: unbounded coordinates of the parameters.
+
+        Returns:
+            the innovation of every sample in its own sd, (n,) by dataset and channel; and (r,) by dataset.
+        """
         values = self.space.to_values(u)
-        return [
-            [
-                likelihood.standardise_innovations(misfit, values)[0]
-                for likelihood, misfit in self._pair_residuals(k, values)
-            ]
-            for k in range(len(self.datasets))
-        ]
+        innovations, coefficients = [], []
+        for k, form in enumerate(self.forms):
+            residual, mean = self._compute_residual(k, values), jnp.zeros(0)
+            if form.count:
+                mean = self._condition_coefficients(k, residual, values).mean
+                residual -= form.compute_form(mean)
+            innovations.append(
+                [s.standardise_innovations(residual[s.channel], values)[0] for s in self.likelihoods[k]]
+            )
+            coefficients.append(mean)
+        return innovations, coefficients
 
 
 @compile_on_call
@@ -101,7 +152,7 @@ def compute_log_densities(density: PosteriorDensity, u: Float[Array, "w p"]) -> 
 
 @compile_on_call
 def _compute_innovations(density: PosteriorDensity, u: Float[Array, " p"]) -> list[list[Array]]:
-    return density.compute_innovations(u)
+    return density.compute_innovations(u)[0]
 
 
 def build_density(
@@ -110,7 +161,7 @@ def build_density(
     """Return the posterior density of a fit, and the fit's solution in its coordinates.
 
     Args:
-        fit: the fit, with a square loss and without form errors.
+        fit: the fit, with a square loss.
         priors: by name, priors that replace those of the fit: "value", "sd", "low" and "high", SI, each
             optional.
 
@@ -120,11 +171,6 @@ def build_density(
     if fit.loss != "square":
         remedy = 'Fit with `loss="square"`, or remove the outliers.'
         raise BadInput.from_rule("a posterior needs a likelihood", f"a {fit.loss} loss", remedy=remedy)
-    if fit.has_form_errors:
-        remedy = "Use the standard deviations of `pamjax fit`, or fit without form errors."
-        raise BadInput.from_rule(
-            "a posterior contains no form errors", "a fit with form errors", remedy=remedy
-        )
     for case_fit in fit.cases:
         if case_fit.case.recording.measures_length:
             rule, got = (
@@ -140,13 +186,14 @@ def build_density(
         for name, e in fit.estimates.items()
     ]
     values = fit.space.to_values(fit.solution.u)
-    datasets, likelihoods = [], []
+    datasets, likelihoods, forms = [], [], []
     for case_fit, dataset in zip(fit.cases, fit.datasets, strict=True):
         prefix = "" if len(fit.cases) == 1 else f"{case_fit.case.name}/"
         noise, channels = build_noise_parameters(case_fit.case, dataset, values, prefix, len(parameters))
         parameters += [_apply_prior(n, priors.pop(n.name, None)) for n in noise]
         datasets.append(_set_unit_weights(dataset))
         likelihoods.append(tuple(channels))
+        forms.append(FormColumns.from_filter(dataset.form_filter, dataset.rows.pressure.size))
     if priors:
         name = next(iter(priors))
         raise BadInput.from_rule(
@@ -155,7 +202,7 @@ def build_density(
         )
     parameter_space = build_space(parameters)
     powers = tuple(tuple(jnp.asarray(1.0) for _ in channels) for channels in likelihoods)
-    density = PosteriorDensity(tuple(datasets), tuple(likelihoods), powers, parameter_space)
+    density = PosteriorDensity(tuple(datasets), tuple(likelihoods), powers, tuple(forms), parameter_space)
     start = {n.name: n.start for n in parameters} | dict(
         zip(fit.space.names, np.asarray(values), strict=True)
     )
@@ -211,10 +258,11 @@ def _replace_value_at_bound(parameter: FreeParameter, value: float) -> float:
 
 
 def _set_unit_weights(dataset: Dataset) -> Dataset:
-    """Return the dataset with weight one for every informative sample, and zero for the others."""
+    """Return the dataset with weight one for every informative sample, else zero, and no form errors."""
 
     def compute_mask(weight):
         return jnp.where(weight > 0, dataset.rows.training_mask, 0.0)
 
+    dataset = replace(dataset, form_filter=None)
     new = (compute_mask(dataset.rows.force_weight), compute_mask(dataset.rows.diameter_weight))
     return eqx.tree_at(lambda m: (m.rows.force_weight, m.rows.diameter_weight), dataset, new)

@@ -1,4 +1,4 @@
-"""Predictions of posterior draws: rows with noise, and the log-likelihood of every block."""
+"""Predictions of posterior draws: form errors, rows with noise, and the log-likelihood of every block."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.special import ndtr, ndtri
 from pamjax.infer.fitting.result import CaseFit
 from pamjax.infer.posterior.ar1_likelihood import Ar1Likelihood
 from pamjax.infer.posterior.log_density import PosteriorDensity
-from pamjax.infer.problem.dataset import CHANNELS
+from pamjax.infer.problem.dataset import CHANNELS, Dataset
 from pamjax.jit import compile_on_call
 
 #: Draws that the model evaluates together.
@@ -20,17 +20,51 @@ _DRAWS_PER_BATCH = 16
 _UNASSIGNED_BLOCK_NAME = "between blocks"
 
 
-def predict_channels(density: PosteriorDensity, values: np.ndarray, index: int) -> dict[str, np.ndarray]:
-    """Return force and diameter of one dataset at draws, without noise, (draws, rows) each, SI.
+def draw_coefficients(density: PosteriorDensity, values: np.ndarray, index: int, seed: int) -> np.ndarray:
+    """Return a draw of the form errors' coefficients at each draw of the parameters, (draws, r).
 
     Args:
         density: the posterior density.
         values: (draws, p) parameters, SI.
         index: index of the dataset.
+        seed: seed of the coefficients.
     """
-    parts = [_predict_batch(density, index, jnp.asarray(batch)) for batch in _split_batches(values)]
-    array = np.concatenate([np.asarray(p) for p in parts])[: len(values)]
+    normal = np.random.default_rng([seed, 13, index]).standard_normal(
+        (len(values), density.forms[index].count)
+    )
+    if not density.forms[index].count:
+        return normal
+    pairs = zip(_split_batches(values), _split_batches(normal), strict=True)
+    parts = [_draw_batch(density, index, jnp.asarray(v), jnp.asarray(z)) for v, z in pairs]
+    return np.concatenate([np.asarray(p) for p in parts])[: len(values)]
+
+
+def draw_prior_coefficients(density: PosteriorDensity, count: int, index: int, seed: int) -> np.ndarray:
+    """Return draws of the prior of the form errors' coefficients, (count, r)."""
+    return np.random.default_rng([seed, 17, index]).standard_normal((count, density.forms[index].count))
+
+
+def predict_channels(
+    density: PosteriorDensity, values: np.ndarray, coefficients: np.ndarray, index: int
+) -> dict[str, np.ndarray]:
+    """Return force and diameter of one dataset at draws, without noise, (draws, rows) each, SI.
+
+    Args:
+        density: the posterior density.
+        values: (draws, p) parameters, SI.
+        coefficients: (draws, r) coefficients of the form errors, which the prediction includes.
+        index: index of the dataset.
+    """
+    array = predict_equations(density.datasets[index], values)
+    if density.forms[index].count:
+        array = array + np.einsum("dr,rcn->dcn", coefficients, np.asarray(density.forms[index].columns))
     return dict(zip(CHANNELS, np.moveaxis(array, 1, 0), strict=True))
+
+
+def predict_equations(dataset: Dataset, values: np.ndarray) -> np.ndarray:
+    """Return both channels at draws, (draws, p), without form errors and noise, (draws, 2, rows), SI."""
+    parts = [_predict_batch(dataset, jnp.asarray(batch)) for batch in _split_batches(values)]
+    return np.concatenate([np.asarray(p) for p in parts])[: len(values)]
 
 
 def add_noise(
@@ -56,15 +90,17 @@ def add_noise(
 
 
 def compute_block_log_likelihoods(
-    density: PosteriorDensity, u: np.ndarray, cases: tuple[CaseFit, ...]
+    density: PosteriorDensity, u: np.ndarray, coefficients: list[np.ndarray], cases: tuple[CaseFit, ...]
 ) -> list[tuple[list[str], np.ndarray]]:
     """Return for each case the names of its blocks and their log-likelihoods at draws, (draws, blocks).
 
-    A sample's density is conditional on the earlier ones, so the blocks sum to the log-likelihood.
+    A sample's density is conditional on the earlier ones and on the coefficients of the form errors. So the
+    blocks sum to the log-likelihood.
 
     Args:
         density: the posterior density.
         u: (draws, p) unbounded coordinates of the parameters.
+        coefficients: (draws, r) coefficients of the form errors, by dataset.
         cases: the fitted cases.
     """
     labels = []
@@ -77,9 +113,10 @@ def compute_block_log_likelihoods(
         label = np.full(likelihoods[0].measured.size, len(names))
         label[: len(block)] = [names.index(b) if b in names else len(names) for b in block]
         labels.append((names, jnp.asarray(label)))
+    row_labels = [label for _, label in labels]
     parts = [
-        _sum_blocks(density, jnp.asarray(batch), [label for _, label in labels])
-        for batch in _split_batches(u)
+        _sum_blocks(density, jnp.asarray(batch), [jnp.asarray(form) for form in forms], row_labels)
+        for batch, *forms in zip(*map(_split_batches, [u, *coefficients]), strict=True)
     ]
     return [
         (names, np.concatenate([np.asarray(p[k]) for p in parts])[: len(u), : len(names)])
@@ -113,20 +150,27 @@ def _split_batches(draws: np.ndarray):
 
 
 @compile_on_call
-def _predict_batch(
-    density: PosteriorDensity, index: int, values: Float[Array, "w p"]
-) -> Float[Array, "w 2 n"]:
-    def predict_draw(v):
-        return density.datasets[index].predict_channels(v)
-
-    return jax.vmap(predict_draw)(values)
+def _draw_batch(
+    density: PosteriorDensity, index: int, values: Float[Array, "w p"], normal: Float[Array, "w r"]
+) -> Float[Array, "w r"]:
+    return jax.vmap(lambda v, z: density.compute_coefficients(index, v).draw(z))(values, normal)
 
 
 @compile_on_call
-def _sum_blocks(density: PosteriorDensity, u: Float[Array, "w p"], labels: list[Array]) -> list[Array]:
-    def sum_draw(v):
-        pairs = zip(density.compute_sample_log_densities(v), labels, strict=True)
+def _predict_batch(dataset: Dataset, values: Float[Array, "w p"]) -> Float[Array, "w 2 n"]:
+    return jax.vmap(dataset.predict_channels)(values)
+
+
+@compile_on_call
+def _sum_blocks(
+    density: PosteriorDensity,
+    u: Float[Array, "w p"],
+    coefficients: list[Float[Array, "w r"]],
+    labels: list[Array],
+) -> list[Array]:
+    def sum_draw(v, c):
+        pairs = zip(density.compute_sample_log_densities(v, c), labels, strict=True)
         # The additional segment collects rows without a block.
         return [jax.ops.segment_sum(sum(parts), label, label.size + 1) for parts, label in pairs]
 
-    return jax.vmap(sum_draw)(u)
+    return jax.vmap(sum_draw)(u, coefficients)

@@ -3,8 +3,8 @@
     χ²(v) = min over the others of Σ (misfit / sd)² + Σ (their distance from their priors / prior sd)²
 
 Priors of the other parameters are those of the posterior, including `--priors`; weights are those of the fit.
-The parameter's own prior is left out. Two parameters that act only in combination have a flat profile,
-whatever the shape of the posterior.
+Form errors count as noise. The parameter's own prior is left out. Two parameters that act only in combination
+have a flat profile, whatever the shape of the posterior.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from jaxtyping import Array
 from pamjax.infer.fitting.build_result import compute_sd_and_correlation
 from pamjax.infer.fitting.least_squares import Loss, Solution, solve_least_squares
 from pamjax.infer.fitting.result import Fit
+from pamjax.infer.form_errors.dataset_form import whiten_form_again
 from pamjax.infer.problem.dataset import Dataset
 from pamjax.infer.problem.parameter_space import ParameterSpace
 
@@ -90,11 +91,12 @@ def _apply_variance_inflation(dataset: Dataset) -> Dataset:
     if dataset.whitening is None or float(dataset.whitening.variance_inflation) == 1.0:
         return dataset
     weight = 1 / jnp.sqrt(dataset.whitening.variance_inflation)
-    return eqx.tree_at(
+    inflated_dataset = eqx.tree_at(
         lambda d: (d.channel_weights, d.whitening.variance_inflation),
         dataset,
         (dataset.channel_weights * weight, jnp.asarray(1.0)),
     )
+    return whiten_form_again(inflated_dataset)
 
 
 def compute_profile(problem: ProfileProblem, name: str) -> LikelihoodProfile:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pamjax.infer.fitting.report import MIN_REPORTED_CORRELATION, format_estimate
+from pamjax.channels import format_channel_value
+from pamjax.infer.fitting.report import MIN_REPORTED_CORRELATION, format_estimate, select_shown_effects
 from pamjax.infer.problem.priors import is_length_error
 from pamjax.units import compute_si_factor, format_quantity
 
@@ -26,6 +27,7 @@ def format_posterior_summary(post: Posterior) -> str:
         *format_priors(post),
         "",
         *format_posterior_correlations(post),
+        *(f"  {line}" for line in format_form_error_sizes(post)),
         *format_likelihood_powers(post),
         "",
     ]
@@ -96,6 +98,22 @@ def format_posterior_correlations(post: Posterior) -> Iterator[str]:
     ]
     for _, first, second, value in sorted(pairs, reverse=True)[:5]:
         yield f"  {first} and {second} are correlated ({value:+.2f})"
+
+
+def format_form_error_sizes(post: Posterior) -> Iterator[str]:
+    """Return a line on the form error of each mechanism, with its 90 % interval, and on its equation."""
+    for case_fit, sizes in zip(post.fit.cases, post.form_errors, strict=True):
+        prefix = "" if len(post.fit.cases) == 1 else f"{case_fit.case.name}: "
+        for id, size in sizes.items():
+            effects = select_shown_effects(case_fit, size.effect_rms)
+            if not effects:
+                continue
+            textbook_part = ", ".join(format_channel_value(rms, channel) for channel, rms in effects.items())
+            form = "none"
+            if size.share:
+                low, high = np.quantile(size.ratio, (0.05, 0.95))
+                form = f"{size.ratio.mean():.0%} (90 % interval {low:.0%} to {high:.0%})"
+            yield f"{prefix}form error of {id}: {form}, textbook part {textbook_part}"
 
 
 def format_likelihood_powers(post: Posterior) -> Iterator[str]:

@@ -12,10 +12,15 @@ from pamjax.drawing import DrawableResult
 from pamjax.infer.fitting.result import Fit
 from pamjax.infer.posterior.ar1_likelihood import find_noise_units
 from pamjax.infer.posterior.convergence import ConvergenceDiagnostics
+from pamjax.infer.posterior.form_sizes import FormErrorSize, compute_form_sizes
 from pamjax.infer.posterior.identifiability_report import Verdict, build_verdicts
 from pamjax.infer.posterior.laplace import GaussianApproximation
 from pamjax.infer.posterior.log_density import PosteriorDensity
+from pamjax.infer.posterior.predictive import draw_coefficients
 from pamjax.notebook import NotebookText
+
+#: Draws from which the sizes of the form errors are computed.
+_SIZE_DRAWS = 400
 
 
 @dataclass(frozen=True)
@@ -27,6 +32,12 @@ class Marginal:
     median: float
     low: float
     high: float
+
+
+def summarise_draws(draws: np.ndarray) -> Marginal:
+    """Return the marginal posterior of one number from its draws, (n,)."""
+    low, median, high = map(float, np.quantile(draws, (0.05, 0.5, 0.95)))
+    return Marginal(float(draws.mean()), float(draws.std(ddof=1)), median, low, high)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -80,14 +91,28 @@ class Posterior(DrawableResult, NotebookText):
     @cached_property
     def marginals(self) -> dict[str, Marginal]:
         """Return the marginal posterior of each parameter, by name."""
-        low, median, high = np.quantile(self.flat, (0.05, 0.5, 0.95), axis=0)
-        rows = zip(self.flat.mean(0), self.flat.std(0, ddof=1), median, low, high, strict=True)
-        return {name: Marginal(*map(float, row)) for name, row in zip(self.names, rows, strict=True)}
+        return dict(zip(self.names, map(summarise_draws, self.flat.T), strict=True))
+
+    def draw_coefficients(self, values: np.ndarray) -> list[np.ndarray]:
+        """Return draws of the form errors' coefficients, (draws, r) by case, at values, (draws, p), SI."""
+        return [
+            draw_coefficients(self.density, values, k, self.seed) for k in range(len(self.density.datasets))
+        ]
 
     @cached_property
     def correlation(self) -> np.ndarray:
         """Return the correlation matrix of the parameters, (p, p)."""
         return np.corrcoef(self.flat, rowvar=False)
+
+    @cached_property
+    def form_errors(self) -> tuple[dict[str, FormErrorSize], ...]:
+        """Return the sizes of the form errors by mechanism, for each case; empty for exact equations."""
+        values = self.thin_draws(_SIZE_DRAWS)
+        pairs = zip(self.fit.cases, self.fit.datasets, strict=True)
+        return tuple(
+            compute_form_sizes(self.density, case_fit, dataset, values, k, self.seed)
+            for k, (case_fit, dataset) in enumerate(pairs)
+        )
 
     @cached_property
     def verdicts(self) -> dict[str, Verdict]:
@@ -96,9 +121,9 @@ class Posterior(DrawableResult, NotebookText):
 
     def thin_draws(self, count: int) -> np.ndarray:
         """Return (at most count, p) draws at equal distances over all chains, SI."""
-        n, chains, size = self.draws.shape
-        step = max(1, n * chains // count)
-        return self.draws.reshape(n * chains, size)[::step][:count]
+        # A constant integer step could be a multiple of the number of chains, and select one chain only.
+        rows = np.linspace(0, len(self.flat) - 1, min(count, len(self.flat))).round().astype(int)
+        return self.flat[rows]
 
     def __str__(self) -> str:
         from pamjax.infer.posterior.report import format_posterior_summary

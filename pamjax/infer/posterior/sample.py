@@ -37,6 +37,7 @@ def sample(
     share: Sequence[str] = (),
     mechanisms: Sequence[str] = (),
     *,
+    form_error: bool = False,
     priors: Mapping[str, Mapping[str, Any]] | None = None,
     sampler: SamplerName = "emcee",
     ess: float = 1000.0,
@@ -48,6 +49,7 @@ def sample(
 ) -> Posterior:
     """Return draws of the joint posterior of the muscle's and the noise's parameters.
 
+    Form errors of the fit are part of the posterior and of its predictions.
     Sampling stops when every parameter meets `ess` and `rhat`. If `max_draws` is reached first, the result
     has `converged` false.
 
@@ -56,6 +58,7 @@ def sample(
         law: thread law, as in `fit`; only for cases.
         share: parameters that all cases have in common, as in `fit`; only for cases.
         mechanisms: mechanisms in addition to the threads, as in `fit`; only for cases.
+        form_error: whether real effects may differ from the equations of `mechanisms`, as in `fit`.
         priors: by name, priors that replace those of muscle.toml: "value", "sd", "low" and "high", SI.
         sampler: "emcee" (an ensemble), or "nuts" (needs blackjax).
         ess: smallest effective sample size of a parameter.
@@ -69,7 +72,8 @@ def sample(
         the `Posterior`; `print` shows its summary, `plot` draws it.
 
     Raises:
-        BadInput: as `fit`; for an unknown sampler or prior; if `checkpoint` contains another chain.
+        BadInput: as `fit`; for an unknown sampler or prior; if `checkpoint` contains another chain; for
+            `form_error` with a fit without form errors.
 
     Example:
         posterior = pamjax.sample("mine", ess=200)
@@ -78,9 +82,11 @@ def sample(
         posterior.plot("corner").savefig("corner.png")
     """
     _check_settings(sampler, ess, rhat, max_draws, seed)
-    fit = _fit_source(source, law, share, mechanisms, seed, progress)
+    fit = _fit_source(source, law, share, mechanisms, form_error, seed, progress)
     cases = [case_fit.case for case_fit in fit.cases]
-    chain_identity = build_identity(cases, fit.space, fit.law, fit.mechanisms, priors or {}, sampler, seed)
+    chain_identity = build_identity(
+        cases, fit.space, fit.law, fit.mechanisms, priors or {}, sampler, seed, fit.form_shares
+    )
     chain_store = Checkpoint(checkpoint, chain_identity)
     density, start = build_density(fit, priors)
     density, gaussian, state = _start_chain(chain_store, density, start, fit, sampler, seed)
@@ -109,11 +115,14 @@ def _convert_draws(density: PosteriorDensity, gaussian: GaussianApproximation, x
     return np.asarray(density.space.to_values(gaussian(jnp.asarray(x))))
 
 
-def _fit_source(source, law, share, mechanisms, seed: int, progress: Progress) -> Fit:
+def _fit_source(source, law, share, mechanisms, form_error: bool, seed: int, progress: Progress) -> Fit:
     if isinstance(source, Fit):
+        if form_error and not source.has_form_errors:
+            rule, got = "`form_error` needs a fit with form errors", "a fit without"
+            raise BadInput.from_rule(rule, got, "", "Use `pamjax.fit(..., form_error=True)`.")
         return source
     return calibrate(
-        source, law, share, mechanisms, fold_count=2, seed=seed,
+        source, law, share, mechanisms, form_error=form_error, fold_count=2, seed=seed,
         progress=lambda step, fraction: progress(step, 0.25 * fraction),
     )  # fmt: skip
 
@@ -127,7 +136,8 @@ def _start_chain(
         gaussian = GaussianApproximation(
             jnp.asarray(saved_start.pop("centre")), jnp.asarray(saved_start.pop("root"))
         )
-        return _set_powers(density, saved_start.pop("powers")), gaussian, saved_start
+        density = _set_powers(density, saved_start.pop("powers"))
+        return _set_form_columns(density, saved_start), gaussian, saved_start
     gaussian = fit_laplace(density, start)
     density = apply_autocorrelation_powers(density, gaussian.centre, fit)
     powers = np.array([float(p) for ps in density.powers for p in ps])
@@ -140,6 +150,7 @@ def _start_chain(
             "centre": np.asarray(gaussian.centre),
             "root": np.asarray(gaussian.covariance_root),
             "powers": powers,
+            **{_format_columns_key(k): np.asarray(form.columns) for k, form in enumerate(density.forms)},
             **state,
         }
     )
@@ -162,6 +173,19 @@ def _set_powers(density: PosteriorDensity, powers: np.ndarray) -> PosteriorDensi
     remaining = iter(jnp.asarray(powers))
     new = tuple(tuple(next(remaining) for _ in channels) for channels in density.powers)
     return eqx.tree_at(lambda d: d.powers, density, new)
+
+
+def _set_form_columns(density: PosteriorDensity, saved_start: Arrays) -> PosteriorDensity:
+    """Return the density with the saved form errors, which are removed from the start.
+
+    A repeated fit has other rounding errors. With the saved columns, a resumed chain has the same density.
+    """
+    columns = tuple(jnp.asarray(saved_start.pop(_format_columns_key(k))) for k in range(len(density.forms)))
+    return eqx.tree_at(lambda d: tuple(form.columns for form in d.forms), density, columns)
+
+
+def _format_columns_key(k: int) -> str:
+    return f"form_columns_{k}"
 
 
 def _check_settings(sampler: str, ess: float, rhat: float, max_draws: int, seed: int) -> None:

@@ -109,7 +109,7 @@ def plot_band(post: Posterior, k: int = 0, narrow: bool = False) -> Figure:
     """Return measured points on the 90 % posterior prediction band, a panel per channel."""
     case_fit = post.fit.cases[k]
     row_layout, values = build_layout(case_fit.case), post.thin_draws(_BAND_DRAWS)
-    smooth_predictions = predict_channels(post.density, values, k)
+    smooth_predictions = predict_channels(post.density, values, post.draw_coefficients(values)[k], k)
     with apply_theme():
         likelihoods = post.density.likelihoods[k]
         drawing, panels = create_panels(len(likelihoods), narrow)

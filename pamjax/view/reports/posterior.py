@@ -8,6 +8,7 @@ from pathlib import Path
 from pamjax.infer.fitting.determination import DETERMINED
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.posterior.report import (
+    format_form_error_sizes,
     format_interval,
     format_likelihood_powers,
     format_posterior_correlations,
@@ -44,6 +45,7 @@ def write_posterior_report(post: Posterior, path: str | Path, command: str = "pa
         marginals=draw_picture(partial(figures.plot_marginals, post), "marginals"),
         rows=[_build_row(post, name) for name in names],
         correlations=[capitalise_sentence(line.strip()) for line in format_posterior_correlations(post)],
+        form_errors=[capitalise_sentence(line) for line in format_form_error_sizes(post)],
         ridges=draw_picture(partial(figures.plot_ridges, post), "ridges")
         if figures.find_ridges(post)
         else None,

@@ -8,7 +8,6 @@ import pytest
 from pamjax.errors import BadInput
 from pamjax.infer.fitting.fit import fit
 from pamjax.infer.fitting.io import build_fit_document, build_xarray_dataset
-from pamjax.infer.posterior.log_density import build_density
 from tests.agreement import ROUNDING, agree
 from tests.infer.deviating import MECHANISM, STRENGTH, build_case, fit_case
 from tests.infer.made import TRUE
@@ -85,9 +84,3 @@ def test_note_and_files_have_both_parts():
 def test_form_error_without_a_form_is_refused(mechanisms, loss, message):
     with pytest.raises(BadInput, match=message):
         fit(build_case(0.0), mechanisms=mechanisms, loss=loss, form_error=True)
-
-
-@pytest.mark.slow
-def test_posterior_of_a_fit_with_form_errors_is_refused():
-    with pytest.raises(BadInput, match="a posterior contains no form errors"):
-        build_density(fit_case(0.3, True))

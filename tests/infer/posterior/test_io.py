@@ -132,6 +132,15 @@ def test_figure_of_a_ridge_shows_the_priors():
     assert abs(np.corrcoef(before.get_xydata().T)[0, 1]) < 0.1
 
 
+def test_thinned_draws_come_from_all_chains():
+    """A distance of 96 draws is a multiple of the 32 chains."""
+    chain = np.broadcast_to(np.arange(32.0)[None, :, None], (1200, 32, 1))
+    thinned = replace(drawn(), draws=chain).thin_draws(400)
+    assert thinned.shape == (400, 1)
+    assert set(thinned[:, 0]) == set(range(32))
+    assert replace(drawn(), draws=chain[:2]).thin_draws(400).shape == (64, 1)
+
+
 @pytest.mark.slow
 def test_figures_are_written(tmp_path):
     names = {path.name for path in save_posterior_figures(drawn(), tmp_path)}
