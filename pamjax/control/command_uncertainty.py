@@ -91,7 +91,8 @@ def compute_force_sd(
 def read_unexplained_force(file: Path, case: str | None = None) -> float | None:
     """Return the force error on held-out blocks beyond noise, N, √(rmse² − sd²); None if it is unknown.
 
-    The diagnosis.json next to a model.json has the held-out error and the noise. A fit.json has its own.
+    The diagnosis.json next to a model.json has the held-out error and the noise. A fit.json has its own. A
+    command neglects form errors, so that they are part of the error.
 
     Args:
         file: a fit.json or model.json.
@@ -101,12 +102,15 @@ def read_unexplained_force(file: Path, case: str | None = None) -> float | None:
     try:
         if file.name == "model.json":
             diagnosis = json.loads(read_bytes(diagnosis_file)) if diagnosis_file.exists() else {}
-            rmse = float(diagnosis["improvement"]["held_out"]["force"]["rmse_after"])
+            held_out = diagnosis["improvement"]["held_out"]["force"]
+            rmse = float(held_out.get("rmse_equations", held_out["rmse_after"]))
             noise = float(diagnosis["noise"]["force"]["sd"])
         else:
             cases = json.loads(read_bytes(file))["cases"]
             entry = cases[case or next(iter(cases))]
             rmse = float(entry["held_out"]["rmse"]["force"]["value"])
+            sizes = [form["rms"] for form in entry.get("form_errors", {}).values()]
+            rmse = math.hypot(rmse, *(float(size["force"]["value"]) for size in sizes if "force" in size))
             noise = float(entry["noise"]["force"]["sd"])
     except (KeyError, TypeError, ValueError):
         return None

@@ -303,6 +303,7 @@ def _serialise_held_out_errors(errors: HeldOutErrors) -> dict[str, Any]:
         c: {
             "rmse_before": to_display(c, errors.baseline_rmse[c]),
             "rmse_after": to_display(c, errors.model_rmse[c]),
+            "rmse_equations": to_display(c, errors.equation_rmse[c]),
             "rmse_expected": to_display(c, errors.expected_rmse[c]) if c in errors.expected_rmse else None,
             "unit": DISPLAY_UNIT[c],
         }

@@ -26,6 +26,7 @@ class HeldOutErrors:
             with them and their form errors, by fits without the held-out rows.
         equation_prediction: (2, n) the latter without form errors.
         baseline_rmse, model_rmse: by channel, SI, over held-out rows; without channels that have none.
+        equation_rmse: by channel, that of `equation_prediction`.
         expected_rmse: by channel, that of a right model: from the noise, the standard deviations of the
             parameters and the form errors.
     """
@@ -37,6 +38,7 @@ class HeldOutErrors:
     equation_prediction: np.ndarray
     baseline_rmse: dict[str, float]
     model_rmse: dict[str, float]
+    equation_rmse: dict[str, float]
     expected_rmse: dict[str, float]
 
     @property
@@ -88,6 +90,7 @@ def compute_held_out_errors(
         prediction: its prediction, with form errors.
     """
     baseline_prediction = problem.predict(baseline.estimate.values)
+    equation_prediction = problem.predict(fit.estimate.values)
     names = [blocks.names[k] for k in np.unique(blocks.label[held_out_mask]) if k >= 0]
     description = (
         f"{len(names)} of {len(blocks)} {blocks.kind}: {', '.join(names)}"
@@ -99,9 +102,10 @@ def compute_held_out_errors(
         held_out_mask,
         baseline_prediction,
         prediction.values,
-        problem.predict(fit.estimate.values),
+        equation_prediction,
         compute_rmse(problem, baseline_prediction, held_out_mask),
         compute_rmse(problem, prediction.values, held_out_mask),
+        compute_rmse(problem, equation_prediction, held_out_mask),
         _compute_expected_rmse(problem, fit.noise, prediction.sd, held_out_mask),
     )
 

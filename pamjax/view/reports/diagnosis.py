@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from pamjax.baselines.comparison import BASELINE_MODEL, MODEL_TITLES, ModelComparison
-from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
-from pamjax.diagnosis.crossval.held_out_errors import compute_rmse
+from pamjax.channels import DISPLAY_UNIT, format_channel_value
 from pamjax.diagnosis.result import Diagnosis, get_baseline_estimates
 from pamjax.diagnosis.settings import describe_settings
 from pamjax.infer.fitting.report import format_estimate
@@ -170,14 +169,12 @@ def _format_quantity(value: float, sd: float | None, meaning: Meaning) -> str:
 
 
 def _list_scores(diagnosis: Diagnosis, document: dict[str, Any]) -> Iterator[list[str]]:
-    errors = diagnosis.held_out_errors
-    equation_rmse = compute_rmse(diagnosis.problem, errors.equation_prediction, errors.held_out_mask)
     for channel, score in document["improvement"]["held_out"].items():
         if channel != "blocks":
             kinds = ["rmse_before", "rmse_after"] if document["missing_physics"] else ["rmse_before"]
             values = [score[kind] for kind in kinds]
             if diagnosis.form_prediction is not None:
-                values.insert(1, to_display(channel, equation_rmse[channel]))
+                values.insert(1, score["rmse_equations"])
             if document["missing_physics"]:
                 values.append(score["rmse_expected"])
             values.append(document["noise"][channel]["sd"])
