@@ -16,11 +16,11 @@ from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.crossval.held_out_errors import HeldOutErrors, compute_rmse
 from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.significance import ResidualTest
+from pamjax.diagnosis.estimates import ParameterEstimate, ParameterShift, build_parameter_estimate
 from pamjax.diagnosis.form_errors.prediction import ModelPrediction
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.experiment import Experiment
 from pamjax.diagnosis.outside.template_fits import Likeness
-from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.saved_model import build_model_document
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
@@ -30,37 +30,11 @@ from pamjax.infer.form_errors.form_model import FormErrorModel
 from pamjax.infer.form_errors.parts import FormErrorPart
 from pamjax.model.registry import find_mechanism
 from pamjax.notebook import NotebookText
-from pamjax.parameter import Meaning, get_display_unit
+from pamjax.parameter import get_display_unit
 from pamjax.records.blocks import Blocks
 from pamjax.records.files import write_atomically
 
 _DIAGNOSIS_SCHEMA = "pamjax.diagnosis/1"
-
-
-@dataclass(frozen=True)
-class ParameterEstimate:
-    """Estimate of a parameter with its standard deviation, SI; NaN if that is not defined."""
-
-    value: float
-    sd: float
-    meaning: Meaning
-    at_limit: bool = False
-
-
-@dataclass(frozen=True)
-class ParameterShift:
-    """Shift of a baseline parameter that the mechanisms cause.
-
-    Attributes:
-        baseline_value, model_value: estimates without and with the mechanisms, SI.
-        shift_in_sd: their difference, in sd of the estimate without the mechanisms.
-        meaning: unit, limits and meaning of the parameter.
-    """
-
-    baseline_value: float
-    model_value: float
-    shift_in_sd: float
-    meaning: Meaning
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -219,15 +193,6 @@ def get_baseline_estimates(diagnosis: Diagnosis) -> dict[str, ParameterEstimate]
         diagnosis.problem.names[k]: build_parameter_estimate(diagnosis.problem, diagnosis.baseline, k)
         for k in diagnosis.baseline.estimate.free
     }
-
-
-def build_parameter_estimate(problem: LibraryProblem, fit: ModelFit, index: int) -> ParameterEstimate:
-    """Return the estimate of a parameter, and whether it is at a limit that is not its neutral value."""
-    value, meaning = float(fit.estimate.values[index]), problem.meanings[index]
-    at_limit = {fit.estimate.free[j] for j in find_parameters_at_limit(problem, fit.estimate)}
-    limit_tolerance = problem.settings.at_limit_range_share * (problem.high[index] - problem.low[index])
-    is_neutral = meaning.neutral is not None and abs(value - meaning.neutral) < limit_tolerance
-    return ParameterEstimate(value, fit.sd(index), meaning, index in at_limit and not is_neutral)
 
 
 def _serialise_estimate(estimate: ParameterEstimate) -> dict[str, Any]:

@@ -25,6 +25,7 @@ from pamjax.diagnosis.detect.residual_test import (
     run_residual_test,
 )
 from pamjax.diagnosis.detect.significance import ResidualTest
+from pamjax.diagnosis.estimates import collect_mechanism_estimates, compute_parameter_shifts
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.form_errors.prediction import (
     ModelPrediction,
@@ -43,12 +44,7 @@ from pamjax.diagnosis.refit.least_squares import evaluate_estimate
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
-from pamjax.diagnosis.result import (
-    Diagnosis,
-    ParameterEstimate,
-    ParameterShift,
-    build_parameter_estimate,
-)
+from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.saved_form_errors import build_saved_form_errors
 from pamjax.diagnosis.select.model_averaging import average_models
 from pamjax.diagnosis.select.replace_by_template import replace_by_template
@@ -236,8 +232,8 @@ def _build_diagnosis(
         noise_ratios=noise_ratios,
         blocks=training.blocks,
         held_out_errors=held_out_test.errors,
-        parameters=_collect_mechanism_estimates(problem, model),
-        parameter_shifts=_compute_parameter_shifts(problem, baseline, model)
+        parameters=collect_mechanism_estimates(problem, model),
+        parameter_shifts=compute_parameter_shifts(problem, baseline, model)
         if selection.named_mechanisms
         else {},
         notes=[
@@ -410,29 +406,3 @@ def _compute_residual_share(problem: LibraryProblem, baseline: ModelFit, model: 
         for fit in (baseline, model)
     )
     return float(np.clip(model_excess / baseline_excess, 0.0, 1.0)) if baseline_excess > 0 else 0.0
-
-
-def _collect_mechanism_estimates(
-    problem: LibraryProblem, fit: ModelFit
-) -> dict[str, dict[str, ParameterEstimate]]:
-    return {
-        candidate.id: {
-            name.rpartition(".")[2]: build_parameter_estimate(problem, fit, problem.index(name))
-            for name in candidate.free_parameters
-        }
-        for candidate in fit.mechanisms
-    }
-
-
-def _compute_parameter_shifts(
-    problem: LibraryProblem, baseline: ModelFit, fit: ModelFit
-) -> dict[str, ParameterShift]:
-    shifts = {}
-    for k in baseline.estimate.free:
-        baseline_value, model_value = baseline.estimate.values[k], fit.estimate.values[k]
-        sd = baseline.sd(k)
-        shift_in_sd = (model_value - baseline_value) / sd if sd > 0 else 0.0
-        shifts[problem.names[k]] = ParameterShift(
-            float(baseline_value), float(model_value), float(shift_in_sd), problem.meanings[k]
-        )
-    return shifts

@@ -12,7 +12,8 @@ from pamjax.model.registry import find_mechanism
 from pamjax.parameter import get_display_unit
 
 if TYPE_CHECKING:
-    from pamjax.diagnosis.result import Diagnosis, ParameterEstimate
+    from pamjax.diagnosis.estimates import ParameterEstimate
+    from pamjax.diagnosis.result import Diagnosis
     from pamjax.diagnosis.select.selection import NamedMechanism
 
 #: Largest number of lines of the summary.

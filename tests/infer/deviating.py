@@ -62,11 +62,16 @@ def simulate_exactly(on, plan="first"):
     return simulate(assemble_bench("elastic", (MECHANISM,), numbers), schedule, Sensors())
 
 
-def build_case(share, seed=0, plan="first"):
-    """Return a case whose effect differs from its equation by a share of its rms, in length and pressure."""
+def compute_true_force(share, plan="first"):
+    """Return the force, N, with an effect that differs by a share of its rms, in length and pressure."""
     on, off, reference = simulate_exactly(True, plan), simulate_exactly(False, plan), simulate_exactly(True)
     rms = np.sqrt(np.mean(add_coordinates(reference, reference) ** 2))
-    force = off.force + (on.force - off.force) * (1 + share * add_coordinates(on, reference) / rms)
+    return off.force + (on.force - off.force) * (1 + share * add_coordinates(on, reference) / rms)
+
+
+def build_case(share, seed=0, plan="first"):
+    """Return a recording of `compute_true_force`, with sensor noise."""
+    on, force = simulate_exactly(True, plan), compute_true_force(share, plan)
     noise = SENSORS.force * np.random.default_rng(seed).standard_normal(on.n)
     recording = dataclasses.replace(on, force=force + noise, diameter=np.full(on.n, np.nan))
     muscle_toml = read_muscle_toml(MUSCLE.encode(), "muscle.toml")

@@ -14,10 +14,11 @@ from pamjax.diagnosis.crossval.held_out_errors import (
 from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.significance import ResidualTest
+from pamjax.diagnosis.estimates import ParameterEstimate, ParameterShift
 from pamjax.diagnosis.form_errors.prediction import ModelPrediction
 from pamjax.diagnosis.next_experiment.experiment import Experiment
 from pamjax.diagnosis.outside.template_fits import Likeness
-from pamjax.diagnosis.result import Diagnosis, ParameterEstimate, ParameterShift
+from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.form_errors.parts import FormErrorPart

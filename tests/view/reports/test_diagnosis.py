@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.result import ParameterEstimate
+from pamjax.diagnosis.estimates import ParameterEstimate
 from pamjax.diagnosis.settings import DiagnosisSettings, describe_settings
 from pamjax.diagnosis.summary import format_named_estimate
 from pamjax.model.parameters import find_meaning

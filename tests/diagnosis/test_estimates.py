@@ -2,7 +2,7 @@
 
 import pytest
 
-from pamjax.diagnosis.result import build_parameter_estimate
+from pamjax.diagnosis.estimates import build_parameter_estimate
 from pamjax.diagnosis.summary import format_named_estimate
 from tests.diagnosis.bank import build_plan_problem
 from tests.diagnosis.plain_fits import build_fit
