@@ -108,13 +108,13 @@ def _tabulate_nulls(trials: Sequence[Trial]) -> list[TableLine]:
 
 
 def _tabulate_claims(trials: Sequence[Trial]) -> list[TableLine]:
-    """Return the lines on intervals, held-out errors and probabilities."""
+    """Return the lines on intervals, held-out errors and probabilities, of all recordings."""
     ratios = [ratio for t in trials for ratio in t.held_out_ratios]
     lines = [
         _build_line("90 % intervals of offsets, gains and delays", compute_coverage(trials, own=False)),
         build_rate_line("names that make the held-out error larger", [ratio > 1 for ratio in ratios]),
     ]
-    for mean, rate in compute_reliability(_select_effect_trials(trials)):
+    for mean, rate in compute_reliability(trials):
         lines.append(_build_line(f"names with a mean probability of {mean:.3f}: right", rate))
     return lines
 

@@ -151,9 +151,7 @@ def _run_study(tasks: list, out: Path, bank: str, workers: int, json: bool) -> N
         "\n".join([format_text(rates), *_format_trials(trials)])
     )
     same_bank = [trial for trial in read_trials(file) if trial.bank == bank]
-    print_written_files(
-        [file, *_write_tables(out, same_bank, tabulate(same_bank), with_figures=bank == "own")]
-    )
+    print_written_files([file, *_write_tables(out, same_bank, tabulate(same_bank), bank)])
 
 
 def _format_trials(trials: list) -> Iterator[str]:
@@ -164,11 +162,11 @@ def _format_trials(trials: list) -> Iterator[str]:
         yield f"  {trial.kind} {trial.trial_index + 1}: {concealed_text} -> {named_text}"
 
 
-def _write_tables(out: Path, trials: list, lines: list, *, with_figures: bool) -> list[Path]:
+def _write_tables(out: Path, trials: list, lines: list, bank: str) -> list[Path]:
     """Write the tables and figures of all trials in a folder and return their paths."""
     from pamjax.benchmark.rates import build_documents
     from pamjax.records.files import write_atomically
-    from pamjax.view.figures.benchmark import plot_null, plot_proof
+    from pamjax.view.figures.benchmark import plot_bank, plot_null, plot_proof
     from pamjax.view.theme import save_figure
 
     files = []
@@ -176,7 +174,8 @@ def _write_tables(out: Path, trials: list, lines: list, *, with_figures: bool) -
         with write_atomically(out / name) as temporary:
             temporary.write_text(document, encoding="utf-8")
         files.append(out / name)
-    drawings = {"nothing": plot_null, "recovery": plot_proof} if with_figures else {}
+    own_drawings = {"nothing": plot_null, "recovery": plot_proof}
+    drawings = own_drawings if bank == "own" else {"reliability": plot_bank}
     for name, plot in drawings.items():
         drawing = plot(trials)
         files += save_figure(drawing, out / name) if drawing else []

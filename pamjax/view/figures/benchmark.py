@@ -20,7 +20,14 @@ from pamjax.benchmark.rates import Rate
 from pamjax.benchmark.tally import MAX_ERROR_NOISE_RATIO, compute_coverage, compute_reliability
 from pamjax.benchmark.trial import Trial
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
-from pamjax.view.theme import DOUBLE_COLUMN, OKABE_ITO, REFERENCE_COLOUR, apply_theme, create_figure
+from pamjax.view.theme import (
+    DOUBLE_COLUMN,
+    OKABE_ITO,
+    REFERENCE_COLOUR,
+    add_panel_letters,
+    apply_theme,
+    create_figure,
+)
 
 #: Edges of effect sizes, in noise standard deviations.
 _SIZE_EDGES = (2.0, 4.0, 6.0, 9.0, 14.0, 30.0)
@@ -92,6 +99,24 @@ def plot_proof(trials: Sequence[Trial]) -> Figure | None:
         _plot_coverage(panels[3], effect_trials)
         _plot_held_out(panels[4], effect_trials)
         _plot_location(panels[5], effect_trials)
+    return drawing
+
+
+def plot_bank(trials: Sequence[Trial]) -> Figure | None:
+    """Return recovery and reliability of a bank with effects in other forms, or None without effects.
+
+    The reliability has the names of all recordings: each name in a recording without a mechanism is wrong.
+    """
+    full_trials = [trial for trial in trials if not trial.error]
+    effect_trials = [trial for trial in full_trials if trial.concealed and not trial.outside]
+    if not effect_trials:
+        return None
+    with apply_theme():
+        drawing = create_figure(DOUBLE_COLUMN, 2.9)
+        panels = drawing.subplots(1, 2).ravel()
+        _plot_recovery(panels[0], effect_trials)
+        _plot_reliability(panels[1], full_trials)
+        add_panel_letters(panels)
     return drawing
 
 

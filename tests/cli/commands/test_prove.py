@@ -62,7 +62,8 @@ def test_prove_grades_the_bank_of_other_forms(capsys, tmp_path, monkeypatch):
     assert main(words) == 0
     assert "recall, effects in another form" in capsys.readouterr().out
     assert [task.kind for task in run_tasks].count("mixed") == 1
-    assert {p.name for p in tmp_path.iterdir()} == {"trials.jsonl", "table.md", "table.csv", "table.json"}
+    tables = {"trials.jsonl", "table.md", "table.csv", "table.json"}
+    assert {p.name for p in tmp_path.iterdir()} == tables | {"reliability.png", "reliability.pdf"}
 
 
 def test_prove_writes_the_recordings_of_the_bank(capsys, tmp_path):

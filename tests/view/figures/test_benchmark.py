@@ -1,10 +1,12 @@
 """Figures of a benchmark show the results of its trials."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pamjax.benchmark.prove import build_tasks
-from pamjax.view.figures.benchmark import plot_null, plot_proof
+from pamjax.view.figures.benchmark import plot_bank, plot_null, plot_proof
 from tests.benchmark.trials import made_up, uniform
 
 
@@ -35,3 +37,12 @@ def test_figure_has_six_panels_whose_titles_state_results(trials):
 def test_no_figure_without_trials(trials):
     assert plot_null([t for t in trials if t.kind != "nothing"]) is None
     assert plot_proof([t for t in trials if t.kind in ("nothing", "outside")]) is None
+
+
+def test_reliability_of_a_bank_counts_names_without_a_mechanism_as_wrong(trials):
+    right = [hit for t in trials for hit in t.names_right]
+    outside = next(t for t in trials if not t.concealed and not t.named)
+    wrong = replace(outside, named=("force_offset",), probabilities=(1.0,), reported_ties=((),))
+    figure = plot_bank([*trials, wrong])
+    assert f"share right {sum(right) / (len(right) + 1):.2f}" in figure.axes[1].get_title("left")
+    assert plot_bank([t for t in trials if not t.concealed]) is None
