@@ -59,7 +59,7 @@ def build_design_document(design: Design) -> dict[str, Any]:
         "nominal": _describe_nominal(design),
         "muscle": design.numbers,
         "shows": {name: float(design.outputs[locate_output(name)]) for name in MUSCLE_OUTPUTS},
-        "places": [_describe_point(design, k) for k in range(design.task.point_count)],
+        "points": [_describe_point(design, k) for k in range(design.task.point_count)],
         "requirements": [
             _describe_requirement(design, requirement) for requirement in design.task.requirements
         ],

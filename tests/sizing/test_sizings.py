@@ -71,7 +71,7 @@ def test_simulated_muscle_meets_the_requirements(design, tmp_path):
     save_design(design, tmp_path)
     loaded = load_muscle(tmp_path / "model.json")
     document = json.loads((tmp_path / "design.json").read_text())
-    places = [place for place in document["places"] if place["required_force"] is not None]
+    places = [place for place in document["points"] if place["required_force"] is not None]
     pressure, length = (np.array([place[key] for place in places]) for key in ("pressure", "length"))
     history = build_time_history(None, np.ones(len(places), dtype=bool))
     simulated = record_bench(loaded.muscle, pressure, length, history)
@@ -140,7 +140,7 @@ def test_force_of_the_design_agrees_with_its_outputs(design):
         problem.ids,
     )[0]
     agree(y, design.outputs, SOLVED, scale=1e-9)
-    place = build_design_document(design)["places"][1]
+    place = build_design_document(design)["points"][1]
     force = design.force(place["pressure"], place["contraction"])
     agree(force, place["force"], SOLVED * 100)
 

@@ -113,8 +113,8 @@ def _build_attributes(post: Posterior) -> dict[str, Any]:
         "sampler": post.sampler,
         "memory": json.dumps({case.name: [case.gaps, case.before] for case in cases}),
         "seed": post.seed,
-        "reached": int(post.converged),
-        "beliefs": json.dumps(post.priors),
+        "converged": int(post.converged),
+        "priors": json.dumps(post.priors),
         "blocks": json.dumps(
             {
                 case_fit.case.name: case_fit.held_out_score.kind if case_fit.held_out_score else ""
@@ -278,8 +278,8 @@ def build_posterior_document(post: Posterior) -> dict[str, Any]:
             parameters[name] |= {"verdict": post.verdicts[name].kind, "says": post.verdicts[name].detail}
     return {
         "schema": POSTERIOR_SCHEMA,
-        "reached": post.converged,
-        "wanted": {"ess": post.targets[0], "rhat": post.targets[1]},
+        "converged": post.converged,
+        "targets": {"ess": post.targets[0], "rhat": post.targets[1]},
         "sampler": post.sampler,
         "seed": post.seed,
         "law": post.fit.law,
