@@ -102,8 +102,7 @@ def read_unexplained_force(file: Path, case: str | None = None) -> float | None:
     try:
         if file.name == "model.json":
             diagnosis = json.loads(read_bytes(diagnosis_file)) if diagnosis_file.exists() else {}
-            held_out = diagnosis["improvement"]["held_out"]["force"]
-            rmse = float(held_out.get("rmse_equations", held_out["rmse_after"]))
+            rmse = float(diagnosis["improvement"]["held_out"]["force"]["rmse_equations"])
             noise = float(diagnosis["noise"]["force"]["sd"])
         else:
             cases = json.loads(read_bytes(file))["cases"]

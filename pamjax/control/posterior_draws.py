@@ -53,10 +53,12 @@ class PosteriorDraws:
     Attributes:
         mean_muscle: the muscle at the posterior means.
         samples: draws (`DRAW_COUNT`,) of each parameter, SI, by its name.
+        neglected_form_errors: mechanisms whose form error the posterior includes; commands neglect it.
     """
 
     mean_muscle: LoadedMuscle
     samples: Mapping[str, Array]
+    neglected_form_errors: tuple[str, ...] = ()
 
     def compute_force_sd(self, pressure: np.ndarray, length: np.ndarray) -> np.ndarray:
         """Return the standard deviation of the force at rest over the draws, N, (n,)."""
@@ -158,9 +160,18 @@ def load_draws(file: Path, loaded: LoadedMuscle) -> PosteriorDraws:
         loaded,
         numbers=numbers,
         muscle=build_muscle(loaded.law, loaded.mechanisms, numbers),
-        form_errors=None,  # a posterior has none
     )
-    return PosteriorDraws(mean_muscle, {name: jnp.asarray(values[rows]) for name, values in samples.items()})
+    return PosteriorDraws(
+        mean_muscle,
+        {name: jnp.asarray(values[rows]) for name, values in samples.items()},
+        list_form_errors(attributes),
+    )
+
+
+def list_form_errors(attributes: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the mechanisms whose form error a posterior.nc includes, from its attributes."""
+    shares = json.loads(attributes.get("form_errors", "{}"))
+    return tuple(dict.fromkeys(id for of in shares.values() for id, share in of.items() if share > 0))
 
 
 def _read_posterior(file: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

@@ -98,6 +98,12 @@ class Diagnosis(DrawableResult, NotebookText):
         return self.selection.named_mechanisms
 
     @property
+    def fails_held_out(self) -> bool:
+        """Return whether the error on held-out blocks is far above the expected one."""
+        ratio = self.held_out_errors.largest_error_ratio
+        return bool(self.named_mechanisms) and ratio > self.settings.max_held_out_error_ratio
+
+    @property
     def is_detected(self) -> bool:
         """Return whether the misfit of the baseline is significant."""
         return bool(self.mismatch.p_value < self.settings.detection_p_value)

@@ -89,10 +89,7 @@ def _format_held_out_errors(diagnosis: Diagnosis) -> Iterator[str]:
         if diagnosis.named_mechanisms and channel in errors.expected_rmse:
             expected = f", expected {to_display(channel, errors.expected_rmse[channel]):.3g}"
         yield f"  held-out rmse ({blocks}): {channel} {change}{expected}, noise {noise:.3g}"
-    if (
-        diagnosis.named_mechanisms
-        and errors.largest_error_ratio > diagnosis.settings.max_held_out_error_ratio
-    ):
+    if diagnosis.fails_held_out:
         yield (
             f"  the held-out error is {errors.largest_error_ratio:.1f} times the expected one: physics is"
             " missing, or a named mechanism is wrong"

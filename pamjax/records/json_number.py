@@ -18,6 +18,6 @@ def check_json_number(name: str, value: object, file: str) -> float:
         BadInput: if it is no finite number.
     """
     if isinstance(value, bool) or not isinstance(value, int | float) or not is_representable(value):
-        rule, remedy = f"`{name}` must be a finite number", "Write the file again with `pamjax fit`."
+        rule, remedy = f"`{name}` must be a finite number", "Write the file again with the same command."
         raise BadInput.from_rule(rule, repr(value), file, remedy)
     return float(value)

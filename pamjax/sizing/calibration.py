@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from pamjax.control.command_uncertainty import read_unexplained_force
+from pamjax.control.posterior_draws import list_form_errors
 from pamjax.errors import BadInput, suggest_word
 from pamjax.infer.fitting.load import LoadedMuscle, load_muscle
 from pamjax.model.bench import Bench
@@ -244,6 +245,8 @@ def _transfer_posterior(
     try:
         with xr.open_dataset(path, group="posterior", engine="h5netcdf") as posterior:
             samples = {str(name): np.asarray(posterior[name]).ravel() for name in posterior.data_vars}
+        with xr.open_dataset(path, engine="h5netcdf") as root:
+            form_errors = list_form_errors(root.attrs)
     except (OSError, ValueError, KeyError) as error:
         remedy = "`pamjax sample` writes this file."
         raise BadInput.from_rule(
@@ -272,4 +275,6 @@ def _transfer_posterior(
         rule = "a posterior must contain a parameter that can be transferred to another muscle"
         raise BadInput.from_rule(rule, ", ".join(samples), where, "An example is thread.modulus.")
     sources.append(f"{len(next(iter(draws.values())))} draws of {', '.join(sorted(draws))} from {path.name}")
+    if form_errors:
+        sources.append(f"not transferred: form errors of {', '.join(form_errors)} in {path.name}")
     return updates | {"draws": draws}

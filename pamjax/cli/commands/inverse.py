@@ -68,9 +68,12 @@ def inverse(
         from pamjax.control.posterior_draws import load_draws
 
         draws = load_draws(posterior, loaded_muscle)
+    neglected = list(loaded_muscle.form_errors.forms if loaded_muscle.form_errors else ())
+    if draws is not None:
+        neglected += draws.neglected_form_errors
         loaded_muscle = draws.mean_muscle
-    if loaded_muscle.form_errors is not None:
-        ids = ", ".join(loaded_muscle.form_errors.forms)
+    if neglected:
+        ids = ", ".join(dict.fromkeys(neglected))
         print(f"pamjax: warning: the form errors of {ids} are neglected", file=sys.stderr)
     calibrated_pressures = loaded_muscle.calibrated_range.get("pressure", DEFAULT_PRESSURES)
     max_pressure = parse_quantity(highest, "pressure", "--highest") if highest else calibrated_pressures[1]

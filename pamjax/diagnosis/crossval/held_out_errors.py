@@ -45,7 +45,11 @@ class HeldOutErrors:
     def largest_error_ratio(self) -> float:
         """Return the largest ratio of `model_rmse` to `expected_rmse`; zero without held-out rows."""
         return max(
-            (self.model_rmse[channel] / expected for channel, expected in self.expected_rmse.items()),
+            (
+                self.model_rmse[channel] / expected
+                for channel, expected in self.expected_rmse.items()
+                if channel in self.model_rmse
+            ),
             default=0.0,
         )
 

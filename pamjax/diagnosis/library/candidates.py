@@ -222,8 +222,12 @@ def _build_mullins_softening(scales: RecordingScales) -> list[Candidate]:
         # At a fixed length the wall accumulates no energy.
         return first_stretch
     return first_stretch + [
-        Candidate("mullins_softening", (f"{name}cyclic_modulus",), {f"{name}cyclic_energy": energy})
-        for energy in (0.1, 0.5, 2.5)
+        Candidate(
+            "mullins_softening",
+            (f"{name}cyclic_modulus",),
+            {f"{name}cyclic_energy": share * scales.softening_energy},
+        )
+        for share in (0.1, 0.3, 0.8)
     ]
 
 

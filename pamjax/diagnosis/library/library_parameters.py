@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import jax.numpy as jnp
 import numpy as np
 
 from pamjax.diagnosis.settings import DiagnosisSettings
@@ -13,7 +14,10 @@ from pamjax.infer.fitting.joint_space import build_joint_space
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.infer.problem.prior_limits import compute_prior_limits
 from pamjax.infer.problem.priors import collect_mechanism_values, collect_stated_values
+from pamjax.model.mechanisms.mullins_softening import MullinsSoftening
 from pamjax.model.parameters import find_meaning
+from pamjax.model.state import Cylinder
+from pamjax.model.wall import rubber_volume
 from pamjax.parameter import Meaning
 from pamjax.records.case import Case
 from pamjax.records.reading.quantity import MeasuredValue
@@ -23,6 +27,10 @@ COMPLIANCE_PARAMETER = "braid_elasticity.compliance"
 
 #: Longest warm-up of the load cell over the duration of the recording. A slower one is a straight line.
 _MAX_WARMUP_DURATIONS = 3
+
+#: Largest energy over which the wall softens in every cycle, as a share of that in the recording. Slower
+#: softening is like rubber that does not soften.
+_MAX_SOFTENING_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +160,10 @@ def _limit_to_recording(
     """Change the limits of the parameters for which a recording has a scale, in place."""
     k = names.index("braid_friction.presliding")
     low[k] = max(low[k], settings.min_presliding_noise_ratio * (case.muscle_toml.sensors.length or 0.0))
+    k = names.index("mullins_softening.cyclic_energy")
+    path = _compute_wall_path(case, dict(zip(names, start, strict=True)))
+    high[k] = max(min(high[k], _MAX_SOFTENING_SHARE * path), 2 * low[k])
+    start[k] = np.clip(start[k], low[k], high[k])
     time = case.recording.time
     if time is None:
         return
@@ -162,3 +174,14 @@ def _limit_to_recording(
     k = names.index("force_drift.warmup_time")
     high[k] = max(min(high[k], _MAX_WARMUP_DURATIONS * float(np.ptp(time))), 2 * low[k])
     start[k] = np.clip(start[k], low[k], high[k])
+
+
+def _compute_wall_path(case: Case, values: Mapping[str, float]) -> float:
+    """Return the accumulated strain energy of the wall in a recording, per modulus and volume."""
+    sizes = [jnp.asarray(values[f"mullins_softening.{n}"]) for n in ("inner_diameter", "thickness", "length")]
+    rubber = MullinsSoftening(inner_diameter=sizes[0], thickness=sizes[1], length=sizes[2])
+    length = jnp.asarray(case.recording.length[case.recording.usable])
+    thread, turns = (jnp.full_like(length, value) for value in case.muscle_toml.braid)
+    state = Cylinder()(length, thread, turns)
+    energy = np.asarray(rubber.strains(state, jnp.asarray(0.0)))[0]
+    return float(np.abs(np.diff(energy)).sum() / rubber_volume(rubber))

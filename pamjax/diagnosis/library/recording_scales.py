@@ -28,6 +28,7 @@ class RecordingScales:
         fitting_bore: bore of a tube whose outer wall touches the braid at rest length, m.
         stated_compliance_sd: stated thread compliance in its standard deviations; 0 if none is stated.
         fitting_radius: radius of the end fittings, m.
+        softening_energy: largest energy over which the wall softens in every cycle, per modulus and volume.
         thread_width: total width of all threads side by side, m.
         rest_angle_cosine: cosine of the braid angle at rest length.
         rest_length: rest length, m.
@@ -48,6 +49,7 @@ class RecordingScales:
     fitting_bore: float
     stated_compliance_sd: float
     fitting_radius: float
+    softening_energy: float
     thread_width: float
     rest_angle_cosine: float
     rest_length: float
@@ -75,6 +77,7 @@ class RecordingScales:
             pressure=max(float(np.ptp(pressure)), 1e3),
             force=max(float(np.nanmax(np.abs(recording.force), initial=0.0)), 10.0),
             fitting_radius=float(problem.start[problem.index("end_taper.radius")]),
+            softening_energy=float(problem.high[problem.index("mullins_softening.cyclic_energy")]),
             thread_width=float(problem.start[problem.index("braid_locking.width")]),
             bore=float(problem.start[problem.index("bladder_elasticity.inner_diameter")]),
             fitting_bore=_compute_fitting_bore(problem),

@@ -139,7 +139,7 @@ class CoordinateScales:
             pressure, length: (n,) Pa and m.
             effect: (n,) effect in the same rows.
         """
-        acts = find_acting_rows(effect)
+        acts = find_acting_rows(effect) & np.isfinite(pressure) & np.isfinite(length)
         if not acts.any():
             return self
         # Limits of the values themselves: those of scaled values differ by rounding, which counts if they
@@ -170,5 +170,7 @@ def _find_limits(values: np.ndarray) -> Limits:
 
 
 def _scale(values: np.ndarray, limits: Limits) -> np.ndarray:
+    """Return values scaled to −1 to 1; −1 for a missing value, and everywhere for equal limits."""
     low, high = limits
-    return np.clip(2 * (values - low) / max(high - low, 1e-12) - 1, -1.0, 1.0)
+    clipped = np.clip(np.where(np.isfinite(values), values, low), low, high)
+    return 2 * (clipped - low) / max(high - low, 1e-12) - 1

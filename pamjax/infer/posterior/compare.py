@@ -158,7 +158,8 @@ def _read_score(path: Path) -> tuple[PosteriorScore, dict[str, np.ndarray]]:
                 "Run `pamjax sample` again.",
             )
         model = ", ".join((f"{tree.attrs['law']} threads", *json.loads(tree.attrs["mechanisms"])))
-        model += " with form errors" if json.loads(tree.attrs.get("form_errors", "{}")) else ""
+        shares = json.loads(tree.attrs.get("form_errors", "{}"))
+        model += " with form errors" if any(max(of.values()) > 0 for of in shares.values()) else ""
         names, block_scores, pareto_k = [], [], []
         blocks = tree["log_likelihood"].to_dataset()
         for key, likelihood in blocks.data_vars.items():

@@ -55,6 +55,24 @@ def test_one_pressure_has_one_value():
     agree(scale(rows, restricted).pressure, -1.0, ROUNDING)
 
 
+def test_a_value_above_equal_limits_counts_as_the_limit():
+    restricted = CoordinateScales.from_recording(RECORDING, ALL, RATE)
+    restricted = replace(restricted, pressure=(3e5, 3e5))
+    scaled = restricted.scale_rows(*(np.array([v, v + 1e-6]) for v in (3e5, 0.2, 10.0, 0.0)))
+    agree(scaled.pressure, -1.0, ROUNDING)
+
+
+def test_missing_values_have_a_coordinate_and_change_no_limit():
+    pressure = np.where(np.arange(RECORDING.n) == 1, np.nan, RECORDING.pressure)
+    limits = CoordinateScales.from_recording(RECORDING, ALL, RATE)
+    restricted = limits.restrict(pressure, LENGTH, np.ones(RECORDING.n))
+    assert np.all(np.isfinite([*restricted.pressure, *restricted.length]))
+    scaled = limits.scale_rows(pressure, LENGTH, RECORDING.force, RATE)
+    assert np.all(np.isfinite(scaled.pressure))
+    others = np.arange(RECORDING.n) != 1
+    agree(scaled.pressure[others], scale(ALL, limits).pressure[others], ROUNDING, 1.0)
+
+
 def test_values_outside_the_recording_count_as_its_limits():
     limits = CoordinateScales.from_recording(RECORDING, ALL, RATE)
     outside = limits.scale_rows(
