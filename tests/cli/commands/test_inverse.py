@@ -61,7 +61,7 @@ def test_uncertainty_includes_the_unexplained_misfit(fitted, tmp_path, capsys):
         return json.loads(capsys.readouterr().out)
 
     alone = run_inverse()
-    left = {"improvement": {"held_out": {"force": {"rmse_after": 5.0}}}, "noise": {"force": {"sd": 3.0}}}
+    left = {"improvement": {"held_out": {"force": {"rmse_equations": 5.0}}}, "noise": {"force": {"sd": 3.0}}}
     (tmp_path / "diagnosis.json").write_text(json.dumps(left))
     both = run_inverse()
     assert (alone["unexplained_force"], both["unexplained_force"]) == (0.0, 4.0)
