@@ -125,7 +125,10 @@ def test_posterior_draws_keep_their_correlation(folder):
 
 
 def test_misfit_of_a_diagnosis_becomes_a_model_error_of_the_force(folder):
-    diagnosis = {"improvement": {"held_out": {"force": {"rmse_equations": 5.0}}}, "noise": {"force": {"sd": 3.0}}}
+    diagnosis = {
+        "improvement": {"held_out": {"force": {"rmse_equations": 5.0}}},
+        "noise": {"force": {"sd": 3.0}},
+    }
     (folder / "diagnosis.json").write_text(json.dumps(diagnosis))
     _, transfer = transfer_from(folder)
     blocked = 5e5 * (3 * 0.2**2 - 0.215**2) / (4 * math.pi * 1.2**2)
