@@ -20,6 +20,7 @@ from pamjax.diagnosis.crossval.held_out_errors import (
 )
 from pamjax.diagnosis.detect.locate import locate_effects, locate_residual
 from pamjax.diagnosis.detect.residual_test import (
+    compute_residual_share,
     is_residual_significant,
     run_baseline_test,
     run_residual_test,
@@ -40,7 +41,6 @@ from pamjax.diagnosis.notes import format_notes
 from pamjax.diagnosis.outside.template_context import build_template_context
 from pamjax.diagnosis.outside.template_fits import list_likenesses
 from pamjax.diagnosis.outside.templates import Template, build_templates
-from pamjax.diagnosis.refit.least_squares import evaluate_estimate
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
@@ -228,7 +228,7 @@ def _build_diagnosis(
         unexplained=unexplained,
         likenesses=list_likenesses(problem, templates, selection.model) if unexplained else (),
         residual_boxes=locate_residual(problem, model) if unexplained else [],
-        residual_share=_compute_residual_share(problem, baseline, model),
+        residual_share=compute_residual_share(problem, baseline, model),
         noise_ratios=noise_ratios,
         blocks=training.blocks,
         held_out_errors=held_out_test.errors,
@@ -396,13 +396,3 @@ def _add_form_error_ratios(selection: Selection, parts: dict[str, FormErrorPart]
         for mechanism in selection.named_mechanisms
     )
     return replace(selection, named_mechanisms=mechanisms)
-
-
-def _compute_residual_share(problem: LibraryProblem, baseline: ModelFit, model: ModelFit) -> float:
-    """Return the share of the baseline's excess χ² that the model leaves, both with the baseline's noise."""
-    baseline_excess, model_excess = (
-        evaluate_estimate(problem, baseline.noise, fit.estimate.free, fit.estimate.values).chi2
-        - baseline.noise.size
-        for fit in (baseline, model)
-    )
-    return float(np.clip(model_excess / baseline_excess, 0.0, 1.0)) if baseline_excess > 0 else 0.0

@@ -10,6 +10,7 @@ from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.detect.significance import ResidualTest, compute_significance
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.refit.least_squares import evaluate_estimate
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.settings import DiagnosisSettings
 
@@ -76,3 +77,13 @@ def is_residual_large(
         residual_excess
         > max(settings.min_unexplained_rms**2, settings.min_unexplained_rms_share**2 * mismatch_excess)
     )
+
+
+def compute_residual_share(problem: LibraryProblem, baseline: ModelFit, model: ModelFit) -> float:
+    """Return the share of the baseline's excess χ² that the model leaves, both with the baseline's noise."""
+    baseline_excess, model_excess = (
+        evaluate_estimate(problem, baseline.noise, fit.estimate.free, fit.estimate.values).chi2
+        - baseline.noise.size
+        for fit in (baseline, model)
+    )
+    return float(np.clip(model_excess / baseline_excess, 0.0, 1.0)) if baseline_excess > 0 else 0.0
