@@ -180,7 +180,7 @@ def test_file_with_a_value_that_is_no_number_is_refused(written, tmp_path, value
     with pytest.raises(BadInput) as error:
         load_muscle(tmp_path / "fit.json")
     assert str(error.value).startswith(f"`{name}` must be a finite number; got ")
-    assert str(error.value).endswith(" in fit.json. Write the file again with `pamjax fit`.")
+    assert str(error.value).endswith(" in fit.json. Write the file again with the same command.")
 
 
 def test_deeply_nested_file_is_refused(tmp_path):
