@@ -32,6 +32,9 @@ _MAX_WARMUP_DURATIONS = 3
 #: softening is like rubber that does not soften.
 _MAX_SOFTENING_SHARE = 0.5
 
+#: Lengths in the table of the wall's energy.
+_ENERGY_TABLE_SIZE = 65
+
 
 @dataclass(frozen=True, eq=False)
 class LibraryParameters:
@@ -180,8 +183,11 @@ def _compute_wall_path(case: Case, values: Mapping[str, float]) -> float:
     """Return the accumulated strain energy of the wall in a recording, per modulus and volume."""
     sizes = [jnp.asarray(values[f"mullins_softening.{n}"]) for n in ("inner_diameter", "thickness", "length")]
     rubber = MullinsSoftening(inner_diameter=sizes[0], thickness=sizes[1], length=sizes[2])
-    length = jnp.asarray(case.recording.length[case.recording.usable])
-    thread, turns = (jnp.full_like(length, value) for value in case.muscle_toml.braid)
-    state = Cylinder()(length, thread, turns)
-    energy = np.asarray(rubber.strains(state, jnp.asarray(0.0)))[0]
-    return float(np.abs(np.diff(energy)).sum() / rubber_volume(rubber))
+    length = case.recording.length[case.recording.usable]
+    # A table of fixed size, because each size of a recording would be compiled anew.
+    table = np.linspace(length.min(), length.max(), _ENERGY_TABLE_SIZE)
+    thread, turns = (jnp.full(table.size, value) for value in case.muscle_toml.braid)
+    state = Cylinder()(jnp.asarray(table), thread, turns)
+    energies = np.asarray(rubber.strains(state, jnp.asarray(0.0)))[0]
+    path = np.abs(np.diff(np.interp(length, table, energies))).sum()
+    return float(path / rubber_volume(rubber))
