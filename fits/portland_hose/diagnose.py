@@ -121,8 +121,8 @@ def diagnose_hose(folder: Path, out: Path, samples: int = 6) -> tuple[Diagnosis,
 def format_table(results: dict[str, dict]) -> str:
     """Return all hoses as Markdown."""
     lines = [
-        "| hose | mechanisms named | inner lengths held out: named, Sárosi, floor"
-        " | longest length held out: named, Sárosi"
+        "| hose | mechanisms named | inner lengths held out: named, equations alone, Sárosi, floor"
+        " | longest length held out: named, equations alone, Sárosi"
         " | last tests held out: named, named in % of full scale, Sárosi |",
         "|---|---|---|---|---|",
     ]
@@ -133,8 +133,8 @@ def format_table(results: dict[str, dict]) -> str:
         cells = [
             name.removeprefix("hose-"),
             ", ".join(result["names"]),
-            f"{inner['named']:.3g}, {inner['sarosi']:.3g}, {result['floor']:.3g}",
-            f"{rest['named']:.3g}, {rest['sarosi']:.3g}",
+            f"{inner['named']:.3g}, {inner['equations']:.3g}, {inner['sarosi']:.3g}, {result['floor']:.3g}",
+            f"{rest['named']:.3g}, {rest['equations']:.3g}, {rest['sarosi']:.3g}",
             f"{last['named']:.3g}, {percent:.2g} %, {last['sarosi']:.3g}",
         ]
         lines.append("| " + " | ".join(cells).replace("nan", "–") + " |")
