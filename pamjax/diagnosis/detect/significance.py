@@ -12,8 +12,7 @@ the observed d, a union of events:
 summed over noise levels j with weight w and directions k with s sides. Noise and direction are drawn in
 proportion to their term, and the deviation along that direction from its tail beyond d. N is the number of
 all K directions beyond d. The mean square of the residual is tested in addition, for misfit without a
-direction. It allows for a sensor that is noisier than stated, so it rarely detects misfit. It gets the part
-`mean_square_level_share` of the significance level.
+direction (`mean_square.py`). It gets the part `mean_square_level_share` of the significance level.
 Source: probability of a union by sampling its events, R. M. Karp, M. Luby & N. Madras, J. Algorithms 10, 429
 (1989).
 """
@@ -28,13 +27,13 @@ from scipy.special import log_ndtr, logsumexp, ndtri_exp, softmax
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from pamjax.diagnosis.detect.mean_square import compute_mean_square_significance
 from pamjax.diagnosis.detect.regions import compute_region_shifts
 from pamjax.diagnosis.detect.score_test import NuisanceProjection, ScoreDirection
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.uncertainty import NORMAL_NODES, NoiseUncertainty, estimate_noise_uncertainty
 from pamjax.diagnosis.refit.least_squares import MapEstimate
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
-from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
 from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Largest size of the array of random numbers in one batch.
@@ -102,10 +101,10 @@ def compute_significance(
         is_two_sided,
         problem.settings.significance_draws,
     )
-    mean_square, z_score = _test_mean_squares(problem, noise, estimate)
+    mean_square, mean_square_p = compute_mean_square_significance(problem, noise, estimate)
     p_value = min(
         p / (1 - problem.settings.mean_square_level_share),
-        float(norm.sf(z_score)) / problem.settings.mean_square_level_share,
+        mean_square_p / problem.settings.mean_square_level_share,
         1.0,
     )
     return ResidualTest(float(max(p_value, 1e-300)), largest, len(directions), mean_square)
@@ -218,34 +217,3 @@ def _sample_tail(deviation: np.ndarray, degrees_of_freedom: float, rng: np.rando
 def _find_degrees_of_freedom(noise: NoiseModel) -> float:
     """Return the lowest degrees of freedom of a channel's noise estimate; infinite if all are stated."""
     return min((channel.degrees_of_freedom for channel in noise.by_channel if channel), default=math.inf)
-
-
-def _test_mean_squares(
-    problem: LibraryProblem, noise: NoiseModel, estimate: MapEstimate
-) -> tuple[float, float]:
-    """Return the most significant mean square of a channel's residual, and the z-score for the p-value.
-
-    The z-score is the excess over 1 in standard errors, of the channels with stated noise only: the standard
-    error does not contain the error of an estimated noise.
-    """
-    residual = problem.measured - problem.predict(estimate.values)
-    if isinstance(noise, DiscrepancyNoise):
-        residual = residual - noise.estimate_discrepancy(residual)
-    mean_square, largest, largest_of_stated = 1.0, -math.inf, -math.inf
-    for c, channel in enumerate(noise.by_channel):
-        if channel is None or noise.rows[c].size == 0:
-            continue
-        standardised = noise.standardise(residual, c)[noise.rows[c]]
-        mean = float(np.mean(standardised**2))
-        variance_inflation = 1 + 2 * channel.ar1_fraction**2 * channel.correlation**2 / max(
-            1 - channel.correlation**2, 1e-3
-        )
-        error = math.sqrt(
-            2 * variance_inflation / standardised.size + problem.settings.sensor_variance_sd_share**2
-        )
-        z_score = (mean - 1) / error
-        if z_score > largest:
-            mean_square, largest = mean, z_score
-        if channel.is_stated:
-            largest_of_stated = max(largest_of_stated, z_score)
-    return mean_square, largest_of_stated

@@ -9,9 +9,9 @@ fast one less. The prior of ρ′ is one half at zero and one half uniform up to
 `max_noise_correlation`. The likelihood is the estimate from neighbours' differences with its standard error.
 This error is large if the sensor noise is a small part of the total. The input noise is known only to a share
 of its variance. A channel without an estimated correlation has the uncertainty of a variance from that many
-squared differences. For a sensor without stated noise, variance and correlation are uncertain together
-(`unknown_sensor.py`).
-Neglects: the ends of runs, and a sensor that is worse than stated.
+squared differences. If the recording determines the variance of a sensor too, because its noise is not stated
+or the statement may be inexact, variance and correlation are uncertain together (`sensor_posterior.py`).
+Neglects: the ends of runs.
 Source: filtering of a stationary process, derived here.
 """
 
@@ -26,7 +26,7 @@ from scipy.stats import norm, truncnorm
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.noise.ar1_filter import Ar1Noise, compute_correlation_error
 from pamjax.infer.noise.noise_model import NoiseModel
-from pamjax.infer.noise.unknown_sensor import UnknownSensorNoise
+from pamjax.infer.noise.sensor_posterior import SensorPosterior
 
 #: Standard normal variables at which the noise variance is computed; between them it is interpolated.
 NORMAL_NODES = np.linspace(-4.0, 4.0, 33)
@@ -84,13 +84,13 @@ def _compute_channel_variances(
     if channel is None or samples < 2 or math.isfinite(channel.degrees_of_freedom):
         return np.repeat(share, NORMAL_NODES.size, axis=1)
     variance_factors = np.exp(NORMAL_NODES * math.sqrt(3 / samples))
-    if samples < settings.min_samples_for_correlation or not (channel.is_stated or channel.unknown_sensor):
+    if samples < settings.min_samples_for_correlation or not (channel.is_stated or channel.sensor_posterior):
         return share * variance_factors
     power = np.abs(np.fft.fft(direction_part, axis=1)) ** 2 / samples
     phase = np.exp(-2j * np.pi * np.arange(samples) / samples)
     assumed_density = _compute_spectral_density(channel.ar1_fraction, channel.correlation, 1.0, phase)
-    if channel.unknown_sensor:
-        rho, times = _get_unknown_sensor_nodes(channel.unknown_sensor)
+    if channel.sensor_posterior:
+        rho, times = _get_posterior_nodes(channel.sensor_posterior)
         density_ratios = [
             _compute_spectral_density(channel.ar1_fraction, *rho_and_factor, phase) / assumed_density
             for rho_and_factor in zip(rho, times, strict=True)
@@ -103,14 +103,14 @@ def _compute_channel_variances(
     return power @ np.stack(density_ratios, axis=1)
 
 
-def _get_unknown_sensor_nodes(unknown_sensor: UnknownSensorNoise) -> tuple[np.ndarray, np.ndarray]:
+def _get_posterior_nodes(posterior: SensorPosterior) -> tuple[np.ndarray, np.ndarray]:
     """Return correlation and variance over the assumed one, at the nodes, (nodes,) each."""
     k = np.minimum(
-        np.searchsorted(np.cumsum(unknown_sensor.probability), norm.cdf(NORMAL_NODES)),
-        unknown_sensor.probability.size - 1,
+        np.searchsorted(np.cumsum(posterior.probability), norm.cdf(NORMAL_NODES)),
+        posterior.probability.size - 1,
     )
-    rho, variance = unknown_sensor.support[k].T
-    return rho, variance / unknown_sensor.correlation_and_variance[1]
+    rho, variance = posterior.support[k].T
+    return rho, variance / posterior.variance
 
 
 def _compute_correlation_nodes(channel: Ar1Noise, samples: int, settings: DiagnosisSettings) -> np.ndarray:

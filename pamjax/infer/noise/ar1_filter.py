@@ -20,7 +20,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from pamjax.infer.noise.unknown_sensor import UnknownSensorNoise
+from pamjax.infer.noise.sensor_posterior import SensorPosterior
 
 #: Maximum number of samples before the filter counts as steady, and of lags of the autocovariance.
 _MAX_FILTER_SAMPLES = 400
@@ -40,7 +40,7 @@ class Ar1Noise:
         is_stated: whether muscle.toml states the sensor's noise.
         degrees_of_freedom: degrees of freedom of the variance; infinite if it is stated.
         rho_from_differences: ρ from differences of neighbours, also where it is not significant.
-        unknown_sensor: posterior of variance and correlation for a sensor without stated noise.
+        sensor_posterior: posterior of variance and correlation, if the recording determines the variance.
     """
 
     sd: np.ndarray
@@ -49,7 +49,7 @@ class Ar1Noise:
     is_stated: bool
     degrees_of_freedom: float = math.inf
     rho_from_differences: float = 0.0
-    unknown_sensor: UnknownSensorNoise | None = None
+    sensor_posterior: SensorPosterior | None = None
 
     @property
     def filter(self) -> tuple[float, float]:

@@ -14,18 +14,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.infer.noise.ar1_filter import Ar1Noise, compute_correlation_error
+from pamjax.infer.noise.inexact_sensor import estimate_inexact_noise
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.noise.noise_settings import NOISE_SETTINGS, NoiseThresholds
-from pamjax.infer.noise.sensor_noise import compute_isotonic_variance, compute_sensitivities
-from pamjax.infer.noise.spectral_lines import remove_spectral_lines
-from pamjax.infer.noise.static_table import TableVariance
-from pamjax.infer.noise.unknown_sensor import (
+from pamjax.infer.noise.second_differences import (
     DIFFERENCE_LAGS,
     DifferenceStatistics,
     compute_second_differences,
-    estimate_stated_noise,
-    estimate_unknown_noise,
 )
+from pamjax.infer.noise.sensor_noise import compute_isotonic_variance, compute_sensitivities
+from pamjax.infer.noise.spectral_lines import remove_spectral_lines
+from pamjax.infer.noise.static_table import TableVariance
+from pamjax.infer.noise.unknown_sensor import estimate_unknown_noise
 from pamjax.infer.problem.dataset import (
     CHANNELS,
     Dataset,
@@ -195,14 +195,14 @@ def _build_unknown_sensor_noise(samples: _ChannelSamples, settings: NoiseThresho
         )
         return Ar1Noise(*_add_input_variance(samples, sensor_variance, samples.input_variance), 0.0, False)
     unknown_sensor = estimate_unknown_noise(statistics)
-    correlation, sensor_variance = unknown_sensor.correlation_and_variance
+    posterior = unknown_sensor.posterior
     other_variance = samples.input_variance + unknown_sensor.white_variance
     return Ar1Noise(
-        *_add_input_variance(samples, sensor_variance, other_variance),
-        correlation,
+        *_add_input_variance(samples, posterior.variance, other_variance),
+        posterior.correlation,
         False,
-        rho_from_differences=correlation,
-        unknown_sensor=unknown_sensor,
+        rho_from_differences=posterior.correlation,
+        sensor_posterior=posterior,
     )
 
 
@@ -218,15 +218,18 @@ def _build_scaled_noise(
         return None
     rows, input_variance = samples.rows, samples.input_variance
     stated_variance = float(np.mean(np.broadcast_to(sensor_variance, input_variance.shape)[rows]))
-    noise = estimate_stated_noise(statistics, stated_variance)
-    ratios = np.sqrt([noise.variance / stated_variance, noise.input_factor])
+    noise = estimate_inexact_noise(statistics, stated_variance)
+    posterior = noise.posterior
+    ratios = np.sqrt([posterior.variance / stated_variance, noise.input_factor])
     if ratios.max() > max_noise_ratio or ratios[0] < 1 / max_noise_ratio:
         # Misfit that changes from sample to sample, and no sensor noise.
         return None
-    variance = noise.variance + noise.input_factor * input_variance
-    sensor_fraction = float(np.mean(noise.variance / variance[rows]))
     return Ar1Noise(
-        np.sqrt(variance), sensor_fraction, noise.correlation, True, rho_from_differences=noise.correlation
+        *_add_input_variance(samples, posterior.variance, noise.input_factor * input_variance),
+        posterior.correlation,
+        True,
+        rho_from_differences=posterior.correlation,
+        sensor_posterior=posterior,
     )
 
 

@@ -251,7 +251,14 @@ def _subtract_tare(
         if name not in columns:
             rule = f"`{name}` of [tare] must be a column"
             raise BadInput.from_rule(rule, "none", "[columns]", "Add it there, or remove it from [tare].")
-        tare_readings[name] = float(np.nanmedian(columns[name][inside]))
+        readings = columns[name][inside]
+        if not np.isfinite(readings).any():
+            rule = f"`{name}` must be measured in the interval of [tare]"
+            got = f"no value from {start:g} to {end:g} s"
+            raise BadInput.from_rule(
+                rule, got, file, f"Check `start` and `end`, or remove `{name}` from [tare]."
+            )
+        tare_readings[name] = float(np.nanmedian(readings))
         columns[name] = columns[name] - tare_readings[name] + true
     # A tare interval of zero length removes no row.
     if not spec.tare.cut or end == start:

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from pamjax.infer.noise.unknown_sensor import (
-    CORRELATION_GRID,
+from pamjax.infer.noise.second_differences import (
     DIFFERENCE_LAGS,
     DifferenceStatistics,
-    _compute_expected_squares,
+    compute_expected_squares,
     compute_second_differences,
-    estimate_unknown_noise,
 )
+from pamjax.infer.noise.sensor_posterior import CORRELATION_GRID
+from pamjax.infer.noise.unknown_sensor import estimate_unknown_noise
 from tests.diagnosis.noise_draws import repeating
 
 N = 850
@@ -26,7 +26,7 @@ def squares(values):
 def test_mean_squares_and_their_sd_agree_with_simulations(k):
     rng = np.random.default_rng(k)
     drawn = np.array([squares(repeating(rng, CORRELATION_GRID[k], N)) for _ in range(3000)])
-    mean, covariance = _compute_expected_squares(k)
+    mean, covariance = compute_expected_squares(k)
     assert drawn.mean(axis=0) == pytest.approx(mean, rel=0.03)
     simulated = np.cov((drawn / mean).T) * N
     assert simulated == pytest.approx(covariance, rel=0.15, abs=0.15 * np.max(covariance))
@@ -36,16 +36,14 @@ def test_mean_squares_and_their_sd_agree_with_simulations(k):
 @pytest.mark.parametrize("misfit", [0.0, 5.0])
 def test_size_and_correlation_are_estimated_with_a_curved_misfit(rho, misfit):
     rng, slow = np.random.default_rng(1), misfit * np.sin(2 * np.pi * np.arange(N) / 85)
-    taken = np.array(
-        [
-            estimate_unknown_noise(
-                DifferenceStatistics(squares(repeating(rng, rho, N) + slow), MANY, NO_OTHER, 0.1)
-            ).correlation_and_variance
-            for _ in range(60)
-        ]
-    )
-    assert np.median(taken[:, 0]) == pytest.approx(rho, abs=0.06)
-    assert np.median(taken[:, 1]) == pytest.approx(1.0, rel=0.3)
+    taken = [
+        estimate_unknown_noise(
+            DifferenceStatistics(squares(repeating(rng, rho, N) + slow), MANY, NO_OTHER, 0.1)
+        ).posterior
+        for _ in range(60)
+    ]
+    assert np.median([t.correlation for t in taken]) == pytest.approx(rho, abs=0.06)
+    assert np.median([t.variance for t in taken]) == pytest.approx(1.0, rel=0.3)
 
 
 @pytest.mark.slow
@@ -58,11 +56,15 @@ def test_possible_noise_includes_the_true_noise(rho):
         noise = estimate_unknown_noise(
             DifferenceStatistics(squares(values), MANY, np.full(DIFFERENCE_LAGS.size, 6.0), 0.1)
         )
-        slow = noise.support[:, 1] * (1 + noise.support[:, 0]) / (1 - noise.support[:, 0])
+        slow = (
+            noise.posterior.support[:, 1]
+            * (1 + noise.posterior.support[:, 0])
+            / (1 - noise.posterior.support[:, 0])
+        )
         assert np.all(np.diff(slow) >= -1e-9 * slow[-1])
-        assert noise.probability.sum() == pytest.approx(1.0)
-        below.append(noise.probability[slow < (1 + rho) / (1 - rho)].sum())
-        far_below.append(noise.probability[slow < 4 * (1 + rho) / (1 - rho)].sum())
+        assert noise.posterior.probability.sum() == pytest.approx(1.0)
+        below.append(noise.posterior.probability[slow < (1 + rho) / (1 - rho)].sum())
+        far_below.append(noise.posterior.probability[slow < 4 * (1 + rho) / (1 - rho)].sum())
     # It is hardly ever outside its possible range: this separates noise from misfit.
     assert np.mean(np.array(below) > 0.99) < 0.06
     assert np.mean(np.array(below) < 0.01) < 0.06
@@ -86,8 +88,12 @@ def test_slow_noise_is_possible_with_unstated_white_noise():
             noise = estimate_unknown_noise(
                 DifferenceStatistics(values, MANY, NO_OTHER, 0.1, allows_white_noise=room)
             )
-            slow = noise.support[:, 1] * (1 + noise.support[:, 0]) / (1 - noise.support[:, 0])
-            outcomes.append(noise.probability[slow < 19].sum() > 0.99)
+            slow = (
+                noise.posterior.support[:, 1]
+                * (1 + noise.posterior.support[:, 0])
+                / (1 - noise.posterior.support[:, 0])
+            )
+            outcomes.append(noise.posterior.probability[slow < 19].sum() > 0.99)
     assert np.mean(beyond[True]) < 0.15
     # Negative control: without white noise in the model, almost no correlation is estimated.
     assert np.mean(beyond[False]) > 0.8
@@ -103,5 +109,5 @@ def test_recording_without_noise_is_accepted():
             allows_white_noise=True,
         )
     )
-    assert np.all(np.isfinite(noise.support))
-    assert noise.probability.sum() == pytest.approx(1.0)
+    assert np.all(np.isfinite(noise.posterior.support))
+    assert noise.posterior.probability.sum() == pytest.approx(1.0)

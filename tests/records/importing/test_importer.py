@@ -345,6 +345,14 @@ def test_a_mat_file_of_version_7_3(rig, tmp_path):
         ({"files": 'rate = "500 N"'}, "[files] rate"),
         ({"more": '[tare]\nend = "1 s"\nforce = "0 N"'}, "[tare] needs the time of each row"),
         (
+            {
+                "text": "P,Load [lbf]\n10,\n20,11\n30,12\n",
+                "files": 'rate = "1 Hz"',
+                "more": '[tare]\nend = "0.5 s"\nforce = "0 N"',
+            },
+            "`force` must be measured in the interval of [tare]; got no value from 0 to 0.5 s in ",
+        ),
+        (
             {"length": 'length = "2 m"'},
             "was not written: the longest `length` must be near the rest length (132 mm)",
         ),
