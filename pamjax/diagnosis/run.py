@@ -39,8 +39,8 @@ from pamjax.diagnosis.noise.input_noise import clear_evaluations
 from pamjax.diagnosis.noise.noise_ratios import compute_noise_ratios, format_noise_notes
 from pamjax.diagnosis.notes import format_notes
 from pamjax.diagnosis.outside.template_context import build_template_context
-from pamjax.diagnosis.outside.template_fits import list_likenesses
-from pamjax.diagnosis.outside.templates import Template, build_templates
+from pamjax.diagnosis.outside.template_fits import TemplateBuilder, list_likenesses
+from pamjax.diagnosis.outside.templates import build_templates
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
@@ -183,8 +183,8 @@ def _diagnose_problem(problem: LibraryProblem, case: Case, seed: int, progress: 
         else Selection(training.baseline, training.baseline, ())
     )
     progress("testing", 0.85)
-    templates = _build_templates(training, case.recording.length)
-    tested_selection = _test_against_templates(training, selection, templates)
+    build_templates_at = _get_template_builder(training, case.recording.length)
+    tested_selection = _test_against_templates(training, selection, build_templates_at)
     confirmed_selection = _cross_validate_on_blocks(training, tested_selection)
     held_out_test = _test_held_out_rows(training, confirmed_selection.selection)
     confirmed_selection = _doubt_failed_prediction(training, confirmed_selection, held_out_test.errors)
@@ -193,7 +193,7 @@ def _diagnose_problem(problem: LibraryProblem, case: Case, seed: int, progress: 
     progress("proposing experiments", 0.9)
     experiments = propose_experiments(problem, final_fit.model, final_fit.selection.named_mechanisms)
     diagnosis = _build_diagnosis(
-        training, confirmed_selection, held_out_test, final_fit, templates, experiments, notes
+        training, confirmed_selection, held_out_test, final_fit, build_templates_at, experiments, notes
     )
     progress("done", 1.0)
     return diagnosis
@@ -204,7 +204,7 @@ def _build_diagnosis(
     confirmed_selection: _TestedSelection,
     held_out_test: _HeldOutTest,
     final_fit: _FinalFit,
-    templates: Sequence[Template],
+    build_templates_at: TemplateBuilder,
     experiments: list[Experiment],
     selection_notes: list[str],
 ) -> Diagnosis:
@@ -226,7 +226,7 @@ def _build_diagnosis(
         ),
         residual_test=confirmed_selection.residual_test,
         unexplained=unexplained,
-        likenesses=list_likenesses(problem, templates, selection.model) if unexplained else (),
+        likenesses=list_likenesses(problem, build_templates_at, selection.model) if unexplained else (),
         residual_boxes=locate_residual(problem, model) if unexplained else [],
         residual_share=compute_residual_share(problem, baseline, model),
         noise_ratios=noise_ratios,
@@ -258,25 +258,30 @@ def _test_baseline(
     return _Training(problem, training_mask, blocks, baseline, mismatch, seed)
 
 
-def _build_templates(training: _Training, length: np.ndarray) -> list[Template]:
-    """Return the templates of effects outside the library; none without a significant misfit."""
-    problem = training.problem
-    # The templates describe forces; where length is measured, none applies.
+def _get_template_builder(training: _Training, length: np.ndarray) -> TemplateBuilder:
+    """Return the function that builds the templates of effects outside the library at parameter values.
+
+    It returns none without a significant misfit. The templates describe forces, so none applies where length
+    is measured.
+    """
+    problem, blocks = training.problem, training.blocks
     if not training.is_detected or problem.case.recording.measures_length:
-        return []
-    return build_templates(build_template_context(problem, length, training.blocks, training.baseline))
+        return lambda values: []
+    return lambda values: build_templates(build_template_context(problem, length, blocks, values))
 
 
 def _test_against_templates(
-    training: _Training, selection: Selection, templates: Sequence[Template]
+    training: _Training, selection: Selection, build_templates_at: TemplateBuilder
 ) -> _TestedSelection:
     """Return the mechanisms that no template replaces; without small effects if a part is unexplained."""
-    remaining, notes = replace_by_template(training.problem, training.mask, selection, templates)
+    remaining, notes = replace_by_template(training.problem, training.mask, selection, build_templates_at)
     tested_selection = _test_selection(training, remaining, notes)
     if not tested_selection.unexplained or remaining.fit_without_small_effects is None:
         return tested_selection
     # Small effects are reported only if nothing is unexplained: otherwise they can absorb that part.
-    return _test_against_templates(training, drop_small_effects(training.problem, remaining), templates)
+    return _test_against_templates(
+        training, drop_small_effects(training.problem, remaining), build_templates_at
+    )
 
 
 def _cross_validate_on_blocks(training: _Training, tested_selection: _TestedSelection) -> _TestedSelection:

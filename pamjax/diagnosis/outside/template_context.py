@@ -1,4 +1,4 @@
-"""What the templates of a recording depend on, at the estimate of the baseline."""
+"""What the templates of a recording depend on, at some parameter values."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 from pamjax.diagnosis.library.library_parameters import COMPLIANCE_PARAMETER
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.outside.templates import TemplateContext
-from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.noise.sensor_noise import compute_sensitivities
 from pamjax.records.blocks import Blocks
 
@@ -17,19 +16,19 @@ _STIFFNESS_PARAMETERS = ("thread.modulus", "thread.stiffness", COMPLIANCE_PARAME
 
 
 def build_template_context(
-    problem: LibraryProblem, length: np.ndarray, blocks: Blocks, baseline: ModelFit
+    problem: LibraryProblem, length: np.ndarray, blocks: Blocks, values: np.ndarray
 ) -> TemplateContext:
-    """Return what the templates depend on, at the estimate of the baseline.
+    """Return what the templates depend on, at some parameter values.
 
     Args:
         problem: the recording and the library.
         length: (n,) m, as it was read; the length of the problem is averaged where it is fixed.
         blocks: isobars, holds or cycles of the recording.
-        baseline: the fit without mechanisms.
+        values: (p,) parameter values, SI.
     """
-    values, recording = baseline.estimate.values, problem.case.recording
+    recording = problem.case.recording
     by_pressure, by_length = (
-        np.nan_to_num(np.asarray(s)[0, : problem.n])
+        np.nan_to_num(np.asarray(s)[:, : problem.n])
         for s in compute_sensitivities(problem.dataset, jnp.asarray(values))
     )
     stiffness = next(name for name in _STIFFNESS_PARAMETERS if name in problem.names)

@@ -1,8 +1,8 @@
 """Fits with a template, which compete with the fit of the selected mechanisms.
 
 Several mechanisms together can imitate an effect outside the library, as a stop or a step of the force zero.
-Such an effect is a template of known shape and unknown size. Each mechanism of a set, and all of them, are
-replaced by the best template. Both models have the form errors of their mechanisms, and are compared by
+Such an effect is a template of known shape and unknown size. Models with fewer mechanisms and the best
+template compete with the model without it. All have the form errors of their mechanisms, and are compared by
 
     −2 ln L + k ln n,
 
@@ -15,7 +15,7 @@ Source: G. Schwarz, Ann. Stat. 6, 461 (1978).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,13 @@ from pamjax.diagnosis.form_errors.columns import build_coordinates
 from pamjax.diagnosis.form_errors.fit import add_form_errors, estimate_form_shares
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.outside.templates import Template
-from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
+from pamjax.diagnosis.refit.least_squares import (
+    MapEstimate,
+    compute_priors,
+    evaluate_estimate,
+    fit_parameters,
+    transform_to_coordinates,
+)
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.form_errors.columns import build_columns_of_effect
 from pamjax.infer.form_errors.discrepancy import (
@@ -37,8 +43,15 @@ from pamjax.infer.form_errors.discrepancy import (
 )
 from pamjax.infer.problem.unit_diagonal import invert_scaled
 
+#: Largest number of moves of a template to a better place or to another family.
+_MAX_TEMPLATE_MOVES = 6
+
 #: Share of a template that the parameters must not imitate; a smaller one is rounding.
 _MIN_FREE_SHARE = 1e-3
+
+
+#: Returns all templates at all coarse places, at (p,) parameter values.
+TemplateBuilder = Callable[[np.ndarray], list[Template]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +61,19 @@ class TemplateFit:
     Attributes:
         fit: the mechanisms in it, without the template.
         template: the template.
+        estimate: the estimate with the template.
         cost: −2 ln L + k ln n with the template, and the cost of its place.
     """
 
     fit: ModelFit
     template: Template
+    estimate: MapEstimate
     cost: float
+
+    def leaves_misfit(self, max_noise_chi2_sd: float) -> bool:
+        """Return whether χ² exceeds that of noise by more than some standard deviations."""
+        size = self.estimate.residual.size
+        return self.estimate.chi2 - size > max_noise_chi2_sd * math.sqrt(2 * size)
 
 
 @dataclass(frozen=True)
@@ -71,41 +91,97 @@ class Likeness:
     description: str
 
 
-def find_best_template_fit(
-    problem: LibraryProblem,
-    templates: Sequence[Template],
-    fits: Sequence[ModelFit],
-    max_cost: float,
-) -> TemplateFit | None:
-    """Return the model with a template of the smallest cost; None if no cost is below the maximum.
+def find_best_template_fits(
+    problem: LibraryProblem, build_templates_at: TemplateBuilder, fits: Sequence[ModelFit]
+) -> list[TemplateFit]:
+    """Return for each fit the template with the smallest cost; fits without a template are left out.
+
+    A linear model selects a template for each fit. Far from the estimate it may select a wrong place, so each
+    fit is also tried with the templates of the other fits. The shape of a template depends on the prediction.
+    If misfit remains, the templates are therefore built again at the best estimate.
 
     Args:
         problem: the recording and the library.
-        templates: all templates at all places.
-        fits: fits with different mechanisms; the best template is added to each.
-        max_cost: −2 ln L + k ln n of the model that they compete with.
+        build_templates_at: returns all templates at all coarse places.
+        fits: fits with different mechanisms.
     """
-    template_fits = parallel_map(lambda fit: _fit_best_template(problem, templates, fit), list(fits))
-    better = [each for each in template_fits if each is not None and each.cost < max_cost]
-    return min(better, key=lambda each: each.cost) if better else None
+    form_error_fits = parallel_map(lambda fit: add_form_errors(problem, fit), list(fits))
+    templates = build_templates_at(fits[0].estimate.values) if fits else []
+    starts = [t for fit in form_error_fits if (t := _select_template(fit, templates)) is not None]
+    starts = list({id(template): template for template in starts}.values())
+    if not starts:
+        return []
+
+    def find_first(pair: tuple[ModelFit, ModelFit]) -> TemplateFit:
+        trials = [_fit_template(problem, template, *pair) for template in starts]
+        best = min(trials, key=lambda trial: trial.cost)
+        return _move_template(problem, templates, pair[1], best)
+
+    found = parallel_map(find_first, list(zip(fits, form_error_fits, strict=True)))
+    best = min(found, key=lambda each: each.cost)
+    if not best.leaves_misfit(problem.settings.max_noise_chi2_sd):
+        return found
+    templates_at_best = build_templates_at(best.estimate.values)
+    return parallel_map(
+        lambda pair: _move_template(problem, templates_at_best, *pair),
+        list(zip(form_error_fits, found, strict=True)),
+    )
 
 
-def _fit_best_template(
-    problem: LibraryProblem, templates: Sequence[Template], fit: ModelFit
-) -> TemplateFit | None:
-    """Return the fit with the template that explains most of its residual; None if no template applies."""
-    form_error_fit = add_form_errors(problem, fit)
-    gains = compute_cost_reductions(form_error_fit, templates)
-    if not np.isfinite(gains).any():
-        return None
-    best = templates[int(np.argmax(gains))]
-    columns = build_free_columns(form_error_fit.noise, best.columns)
-    noise = add_discrepancy(form_error_fit.noise, columns, [best.id] * len(columns))
+def _select_template(fit: ModelFit, templates: Sequence[Template]) -> Template | None:
+    """Return the template of the largest cost reduction in the linear model; None if none applies."""
+    gains = compute_cost_reductions(fit, templates)
+    return templates[int(np.argmax(gains))] if np.isfinite(gains).any() else None
+
+
+def _move_template(
+    problem: LibraryProblem, templates: Sequence[Template], form_error_fit: ModelFit, best: TemplateFit
+) -> TemplateFit:
+    """Return the fit with a better place or another family of its template, as long as the cost decreases.
+
+    The linear model at the estimate with a template selects the next one.
+    """
+    for _ in range(_MAX_TEMPLATE_MOVES):
+        linear_fit = _linearise_at(problem, form_error_fit, best.estimate)
+        template = _select_template(linear_fit, [*templates, *best.template.refine()])
+        if template is None or template is best.template:
+            break
+        moved = _fit_template(problem, template, best.fit, form_error_fit)
+        if moved.cost >= best.cost:
+            break
+        best = moved
+    return best
+
+
+def _linearise_at(problem: LibraryProblem, fit: ModelFit, moved_estimate: MapEstimate) -> ModelFit:
+    """Return a fit whose residual is linear in the parameters, with derivatives at another estimate.
+
+    The residual is that of the linear model at its own minimum, without a template.
+    """
+    free, values = moved_estimate.free, moved_estimate.values
+    estimate = evaluate_estimate(problem, fit.noise, free, values)
+    mean, prior_sd = compute_priors(problem, free)
+    prior_force = np.where(
+        np.isfinite(prior_sd), (mean - transform_to_coordinates(problem, free, values)) / prior_sd**2, 0.0
+    )
+    jacobian = estimate.jacobian
+    inverse, unit = invert_scaled(jacobian.T @ jacobian + np.diag(1 / estimate.prior_sd**2))
+    step = inverse @ ((jacobian.T @ estimate.residual + prior_force) / unit) / unit
+    residual = estimate.residual - jacobian @ step
+    return replace(fit, estimate=replace(estimate, residual=residual, chi2=float(residual @ residual)))
+
+
+def _fit_template(
+    problem: LibraryProblem, template: Template, fit: ModelFit, form_error_fit: ModelFit
+) -> TemplateFit:
+    """Return the fit with a template, refitted."""
+    columns = build_free_columns(form_error_fit.noise, template.columns)
+    noise = add_discrepancy(form_error_fit.noise, columns, [template.id] * len(columns))
     estimate = fit_parameters(problem, noise, fit.estimate.free, form_error_fit.estimate.values)
-    noise, estimate = _add_form_error(problem, best, noise, estimate)
+    noise, estimate = _add_form_error(problem, template, noise, estimate)
     cost = replace(fit, noise=noise, estimate=estimate).full_bic - compute_free_column_cost(len(columns))
-    cost -= 2 * math.log(best.share)
-    return TemplateFit(fit, best, cost)
+    cost -= 2 * math.log(template.share)
+    return TemplateFit(fit, template, estimate, cost)
 
 
 def _add_form_error(
@@ -124,27 +200,30 @@ def _add_form_error(
 
 
 def list_likenesses(
-    problem: LibraryProblem, templates: Sequence[Template], fit: ModelFit
+    problem: LibraryProblem, build_templates_at: TemplateBuilder, fit: ModelFit
 ) -> tuple[Likeness, ...]:
     """Return the families of templates that the residual of a fit resembles, most probable first.
 
     A family is listed if it has the probability `min_likeness` and explains `min_likeness_excess_share`.
     """
-    settings, form_error_fit = problem.settings, add_form_errors(problem, fit)
-    explained = compute_explained_chi2(form_error_fit, templates)
-    gains = explained - _compute_penalties(form_error_fit, templates)
-    scale = max(form_error_fit.estimate.chi2 / max(form_error_fit.noise.size, 1), 1.0)
+    best_fits = find_best_template_fits(problem, build_templates_at, [fit])
+    if not best_fits:
+        return ()
+    (best,) = best_fits
+    templates = [*build_templates_at(best.estimate.values), *best.template.refine(), best.template]
+    linear_fit = _linearise_at(problem, add_form_errors(problem, fit), best.estimate)
+    explained = compute_explained_chi2(linear_fit, templates)
+    gains = explained - _compute_penalties(linear_fit, templates)
+    # What the best template leaves is misfit too, so the comparison counts in units of it.
+    scale = max(best.estimate.chi2 / best.estimate.residual.size, 1.0)
     probabilities = softmax(np.append(gains, 0.0) / (2 * scale))[:-1]
-    out: dict[str, Likeness] = {}
+    settings, out = problem.settings, {}
     for k in np.argsort(-probabilities):
-        template = templates[k]
-        total = sum(
-            float(p) for p, other in zip(probabilities, templates, strict=True) if other.id == template.id
-        )
-        if template.id not in out and total >= settings.min_likeness:
-            if explained[k] < settings.min_likeness_excess_share * form_error_fit.excess_chi2:
-                continue
-            out[template.id] = Likeness(template.id, total, template.description)
+        id = templates[k].id
+        total = sum(float(p) for p, other in zip(probabilities, templates, strict=True) if other.id == id)
+        explains_enough = explained[k] >= settings.min_likeness_excess_share * linear_fit.excess_chi2
+        if id not in out and total >= settings.min_likeness and explains_enough:
+            out[id] = Likeness(id, min(total, 1.0), templates[k].description)
     return tuple(out.values())
 
 

@@ -14,15 +14,22 @@ import numpy as np
 
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.outside.template_fits import TemplateFit, find_best_template_fit
-from pamjax.diagnosis.outside.templates import Template
+from pamjax.diagnosis.outside.template_fits import (
+    TemplateBuilder,
+    TemplateFit,
+    find_best_template_fits,
+)
+from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism, refit_baseline
 from pamjax.diagnosis.select.selection import Selection, restrict_selection
 from pamjax.text import join_words
 
 
 def replace_by_template(
-    problem: LibraryProblem, training_mask: np.ndarray, selection: Selection, templates: Sequence[Template]
+    problem: LibraryProblem,
+    training_mask: np.ndarray,
+    selection: Selection,
+    build_templates_at: TemplateBuilder,
 ) -> tuple[Selection, list[str]]:
     """Return the selection without the mechanisms that a template replaces, and a note on them.
 
@@ -30,7 +37,7 @@ def replace_by_template(
         problem: the recording and the library.
         training_mask: (n,) whether a row is used in the fit.
         selection: the mechanisms and their fit.
-        templates: all templates at all places.
+        build_templates_at: returns all templates at all coarse places.
 
     Returns:
         the selection itself and an empty list, if no template explains more.
@@ -39,14 +46,15 @@ def replace_by_template(
         return selection, []
     # The same noise in all fits: its estimate differs between models with much misfit.
     fit = selection.model
-    smaller_fits = [fit_without_mechanism(problem, fit, k) for k in range(len(fit.mechanisms))]
+    smaller_fits = _list_smaller_fits(problem, fit)
     if len(fit.mechanisms) > 1:
         smaller_fits.append(refit_baseline(problem, fit))
+    with_template = find_best_template_fits(problem, build_templates_at, [fit, *smaller_fits])
     limit = add_form_errors(problem, fit).full_bic
-    better = find_best_template_fit(problem, templates, smaller_fits, limit)
+    better = _find_best([each for each in with_template if each.fit is not fit], limit)
     if better is None:
         return selection, []
-    better = _remove_mechanisms(problem, templates, better)
+    better = _remove_mechanisms(problem, build_templates_at, better)
     named_mechanisms = [
         mechanism for mechanism in selection.named_mechanisms if mechanism.id in better.fit.ids
     ]
@@ -59,11 +67,24 @@ def replace_by_template(
     ]
 
 
+def _list_smaller_fits(problem: LibraryProblem, fit: ModelFit) -> list[ModelFit]:
+    """Return the fits without one of the mechanisms."""
+    return [fit_without_mechanism(problem, fit, k) for k in range(len(fit.mechanisms))]
+
+
+def _find_best(template_fits: Sequence[TemplateFit], max_cost: float) -> TemplateFit | None:
+    """Return the fit of the smallest cost; None if no cost is below the maximum."""
+    return min(
+        (each for each in template_fits if each.cost < max_cost), key=lambda each: each.cost, default=None
+    )
+
+
 def _remove_mechanisms(
-    problem: LibraryProblem, templates: Sequence[Template], template_fit: TemplateFit
+    problem: LibraryProblem, build_templates_at: TemplateBuilder, template_fit: TemplateFit
 ) -> TemplateFit:
     """Return a fit with a template without the mechanisms that it does not need beside the template."""
-    fit = template_fit.fit
-    smaller_fits = [fit_without_mechanism(problem, fit, k) for k in range(len(fit.mechanisms))]
-    smaller = find_best_template_fit(problem, templates, smaller_fits, template_fit.cost)
-    return template_fit if smaller is None else _remove_mechanisms(problem, templates, smaller)
+    smaller_fits = _list_smaller_fits(problem, template_fit.fit)
+    smaller = _find_best(
+        find_best_template_fits(problem, build_templates_at, smaller_fits), template_fit.cost
+    )
+    return template_fit if smaller is None else _remove_mechanisms(problem, build_templates_at, smaller)
