@@ -1,4 +1,6 @@
-"""Eight families of effects outside the library, each with its equation and its distribution.
+"""Families of effects outside the library, each with its equation and its distribution.
+
+The diagnosis has templates of the first eight (`diagnosis/outside/templates.py`), and none of the last three.
 
 U is a uniform and LU a log-uniform distribution; T is the duration of the recording.
 """
@@ -163,6 +165,67 @@ def _draw_thread_break(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
     return DrawnForm("thread_break", "step", "share", 0.5, build, {"moment": moment})
 
 
+def compute_fold(contraction: np.ndarray, centre: float, width: float) -> np.ndarray:
+    """Return exp(−((x − x0)/w)²/2), the force of a fold in the bladder over that at its centre."""
+    return np.exp(-0.5 * ((contraction - centre) / width) ** 2)
+
+
+def compute_ringing(time: np.ndarray, start_times: np.ndarray, period: float, decay: float) -> np.ndarray:
+    """Return exp(−s/τ) sin(2πs/T) with the time s since the last start; zero before the first one."""
+    last = np.searchsorted(start_times, time, side="right") - 1
+    since = time - start_times[np.maximum(last, 0)]
+    return np.where(last >= 0, np.exp(-since / decay) * np.sin(2 * np.pi * since / period), 0.0)
+
+
+def find_reversals(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return the times at which a channel changes its direction, s."""
+    rates = np.diff(values)
+    moving = np.flatnonzero(rates)
+    turns = moving[1:][np.diff(np.sign(rates[moving])) != 0]
+    return time[turns]
+
+
+def _draw_fold(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
+    """Return a fold at U(0.3, 0.8) of the largest contraction, with a width LU(0.03, 0.12) of it."""
+    centre = s.max_contraction * rng.uniform(0.3, 0.8)
+    width = s.max_contraction * draw_log_uniform(rng, 0.03, 0.12)
+
+    def build(amplitude: float) -> Effect:
+        return Effect(
+            force=lambda path: amplitude * compute_fold(1 - path.length / s.braid.rest_length, centre, width)
+        )
+
+    limit = 0.0 if s.is_isometric else s.max_force
+    shape = {"centre": centre, "width": width}
+    return DrawnForm("fold", "bump", "force", limit, build, shape, is_signed=True)
+
+
+def _draw_ringing(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
+    """Return an oscillation of the rig after each reversal, of period LU(4, 20) steps.
+
+    It decays within U(1, 3) periods. At a fixed length the pressure reverses.
+    """
+    period = s.step * draw_log_uniform(rng, 4.0, 20.0)
+    decay = period * rng.uniform(1.0, 3.0)
+    driven = s.plan.pressure if s.is_isometric else s.plan.length
+    course = compute_ringing(s.plan.time, find_reversals(s.plan.time, driven), period, decay)
+    shape = {"period": period, "decay": decay}
+    return DrawnForm(
+        "ringing", "decaying", "force", s.max_force, lambda a: sensor_forms.add_force(a * course), shape
+    )
+
+
+def _draw_gain_cycle(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
+    """Return a force gain that follows a sine of period U(0.3, 1.2) T, as with the temperature of a room."""
+    period, phase = s.duration * rng.uniform(0.3, 1.2), rng.uniform(0, 2 * np.pi)
+    wave = np.sin(2 * np.pi * s.plan.time / period + phase)
+
+    def build(amplitude: float) -> Effect:
+        return Effect(outputs=lambda path, force, diameter: ((1 + amplitude * wave) * force, diameter))
+
+    return DrawnForm("gain_cycle", "sine", "share", 0.5, build, {"period": period, "phase": phase})
+
+
 #: Families outside the library.
 OUTSIDE_FAMILIES: dict[str, FormDrawer] = {
     "stop": _draw_stop,
@@ -173,4 +236,7 @@ OUTSIDE_FAMILIES: dict[str, FormDrawer] = {
     "interference": _draw_interference,
     "single_block": _draw_single_block,
     "thread_break": _draw_thread_break,
+    "fold": _draw_fold,
+    "ringing": _draw_ringing,
+    "gain_cycle": _draw_gain_cycle,
 }

@@ -13,7 +13,14 @@ from pamjax.benchmark.other_forms.muscle import (
     TrueBraid,
     simulate_effects,
 )
-from pamjax.benchmark.other_forms.outside import clip_force, press_on_stop, repeat_reading
+from pamjax.benchmark.other_forms.outside import (
+    clip_force,
+    compute_fold,
+    compute_ringing,
+    find_reversals,
+    press_on_stop,
+    repeat_reading,
+)
 from pamjax.model import braid as package_braid
 from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.end_cones import EndCones
@@ -223,3 +230,15 @@ def test_outside_effects_have_their_equations():
     agree(press_on_stop(np.array([0.1, 0.2]), 0.15), [0.0, 0.05], ROUNDING)
     agree(clip_force(np.array([10.0, 90.0]), 50.0), [10.0, 50.0], 0)
     agree(repeat_reading(np.arange(5.0), 1, 2), [0, 1, 1, 1, 4], 0)
+    agree(compute_fold(np.array([0.1, 0.12]), 0.1, 0.02), [1.0, np.exp(-0.5)], ROUNDING)
+
+
+def test_ringing_begins_at_each_reversal():
+    time = np.linspace(0.0, 10.0, 1001)
+    reversals = find_reversals(time, np.abs(time - 4.0))
+    agree(reversals, [4.0], 1e-9)
+    course = compute_ringing(time, reversals, 2.0, 3.0)
+    assert not course[time < 4.0].any()
+    agree(course[time == 4.5], np.exp(-0.5 / 3), 1e-9)
+    # A channel at rest between two strokes in one direction does not reverse.
+    assert find_reversals(time, np.clip(time, 2, 3) + np.clip(time, 6, 7)).size == 0

@@ -137,3 +137,41 @@ def test_without_time_no_course_in_time_is_tried(context):
     families = {each.id for each in build_templates(replace(context, time=None))}
     assert not families & {"zero_step", "thread_break", "interference"}
     assert "stop" in families
+
+
+def test_finer_places_are_between_the_neighbours_and_divide_the_share(context):
+    stops = [each for each in build_templates(context) if each.description.startswith("a stop beyond")]
+    coarse = stops[9]
+    finer = [each for each in coarse.refine() if each.description.startswith("a stop beyond")]
+    touching = [np.count_nonzero(each.columns[0, 0]) for each in (stops[8], *finer, stops[10])]
+    # The further the place, the fewer rows touch the stop.
+    assert touching == sorted(touching, reverse=True)
+    assert touching[0] > touching[-1]
+    agree(sum(each.share for each in finer), coarse.share, ROUNDING)
+    # Places can be refined again.
+    assert len(finer[3].refine()) == 2 * len(finer)
+
+
+def test_finer_moments_are_whole_rows(context):
+    later = replace(context, **_repeat_rows(context, 9))
+    breaks = [each for each in build_templates(later) if each.id == "thread_break"]
+    first_rows = {int(np.argmax(each.columns[0, 0] != 0)) for each in breaks[30].refine()}
+    low, high = (int(np.argmax(breaks[k].columns[0, 0] != 0)) for k in (27, 33))
+    assert first_rows == set(first_rows) & set(range(low + 1, high))
+    assert len(first_rows) == 14
+
+
+def _repeat_rows(context, times):
+    """Return the arrays of a context, each row repeated."""
+    names = ("time", "pressure", "length", "force", "prediction", "by_pressure", "by_length", "by_stiffness")
+    arrays = {name: np.repeat(getattr(context, name), times, axis=-1) for name in names}
+    return arrays | {"blocks": replace(context.blocks, label=np.repeat(context.blocks.label, times))}
+
+
+def test_a_stuck_force_keeps_the_prediction_of_its_first_row(context):
+    stuck = PREDICTION[0].copy()
+    stuck[20:40] = stuck[20]
+    (template,) = list_family(replace(context, force=stuck), "stuck_force").values()
+    inside = np.isin(np.arange(N), range(21, 40))
+    agree(template.columns[0, 0], np.where(inside, PREDICTION[0][20] - PREDICTION[0], 0.0), ROUNDING)
+    assert not list_family(context, "stuck_force")

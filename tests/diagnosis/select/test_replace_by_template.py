@@ -23,7 +23,7 @@ IMITATORS = ("mullins_softening", "diameter_offset")
 
 @cache
 def select_by_hand(unmodelled):
-    """Return problem, rows, selection of friction and both imitators, and all templates."""
+    """Return problem, rows, selection of friction and both imitators, and the builder of templates."""
     definition = BankRecording(1, only=PRESENT, smallest=8.0, largest=8.0, unmodelled=unmodelled)
     problem = build_library_problem(simulate_bank(definition).case)
     rows = np.ones(problem.n, dtype=bool)
@@ -33,8 +33,12 @@ def select_by_hand(unmodelled):
     fit = fit_model(problem, rows, [candidates[id] for id in ids], problem.neutral)
     names = tuple(NamedMechanism(id, 1.0, (), 100.0) for id in ids)
     recording = problem.case.recording
-    context = build_template_context(problem, recording.length, find_blocks(recording), baseline)
-    return problem, rows, Selection(baseline, fit, names), build_templates(context)
+    blocks = find_blocks(recording)
+
+    def build_templates_at(values):
+        return build_templates(build_template_context(problem, recording.length, blocks, values))
+
+    return problem, rows, Selection(baseline, fit, names), build_templates_at
 
 
 def test_all_mechanisms_that_imitate_bending_are_removed():
@@ -48,7 +52,7 @@ def test_all_mechanisms_that_imitate_bending_are_removed():
 
 
 def test_without_an_outside_effect_no_template_replaces_a_mechanism():
-    problem, rows, selection, templates = select_by_hand(None)
-    unchanged, notes = replace_by_template(problem, rows, selection, templates)
+    problem, rows, selection, build_templates_at = select_by_hand(None)
+    unchanged, notes = replace_by_template(problem, rows, selection, build_templates_at)
     assert PRESENT in {name.id for name in unchanged.named_mechanisms}
     assert notes == [] or f"`{PRESENT}`" not in notes[0]
