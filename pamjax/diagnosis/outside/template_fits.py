@@ -117,14 +117,14 @@ def find_best_template_fits(
         best = min(trials, key=lambda trial: trial.cost)
         return _move_template(problem, templates, pair[1], best)
 
-    found = parallel_map(find_first, list(zip(fits, form_error_fits, strict=True)))
-    best = min(found, key=lambda each: each.cost)
+    template_fits = parallel_map(find_first, list(zip(fits, form_error_fits, strict=True)))
+    best = min(template_fits, key=lambda each: each.cost)
     if not best.leaves_misfit(problem.settings.max_noise_chi2_sd):
-        return found
+        return template_fits
     templates_at_best = build_templates_at(best.estimate.values)
     return parallel_map(
         lambda pair: _move_template(problem, templates_at_best, *pair),
-        list(zip(form_error_fits, found, strict=True)),
+        list(zip(form_error_fits, template_fits, strict=True)),
     )
 
 

@@ -42,17 +42,17 @@ def broken():
 
 def test_search_finds_the_row_of_a_break(broken):
     problem, build_templates_at, baseline, moment = broken
-    (found,) = find_best_template_fits(problem, build_templates_at, [baseline])
-    assert found.template.id == "thread_break"
-    assert found.template.description == f"broken threads after {moment:.0f} s"
+    (best_fit,) = find_best_template_fits(problem, build_templates_at, [baseline])
+    assert best_fit.template.id == "thread_break"
+    assert best_fit.template.description == f"broken threads after {moment:.0f} s"
     # Only noise remains.
-    assert not found.leaves_misfit(4.0)
+    assert not best_fit.leaves_misfit(4.0)
     # Negative control: the linear model at the baseline, at coarse moments, has another place.
     coarse = _select_template(
         add_form_errors(problem, baseline), build_templates_at(baseline.estimate.values)
     )
     assert coarse is not None
-    assert coarse.description != found.template.description
+    assert coarse.description != best_fit.template.description
 
 
 def test_likeness_states_the_place_of_the_search(broken):
