@@ -296,7 +296,8 @@ def _build_rig_compliance(scales: RecordingScales) -> list[Candidate]:
 
 def _build_end_taper(scales: RecordingScales) -> list[Candidate]:
     return [
-        Candidate("end_taper", ("end_taper.share",), {"end_taper.radius": share * scales.fitting_radius})
+        Candidate("end_taper", (amplitude,), {"end_taper.radius": share * scales.fitting_radius})
+        for amplitude in ("end_taper.share", "end_taper.cone_height")
         for share in (0.94, 1.0)
     ]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from pamjax.model.form_error import FormError, list_powers
 from pamjax.model.mechanism import AbstractShape, Description
@@ -18,19 +19,27 @@ class EndTaper(AbstractShape):
 
         V = V_cylinder + s (V_net − V_cylinder),   and the diameters in the same way
 
-        s   share   1   share of the net: 0 is a cylinder, 1 is the frictionless net
-        Rf  radius  m   radius at which the braid is clamped
+        s   share        1   share of the net: 0 is a cylinder, 1 is the frictionless net
+        Rf  radius       m   radius at which the braid is clamped
+
+    Refinement: truncated cones of a fixed height h at both ends, from Rf to the radius R of the cylinder:
+
+        V −= (2π/3) h (R − Rf) (2R + Rf),    D_mean −= 2 h (R − Rf) / L
+
+        h   cone_height  m   height of each cone; 0 is none
 
     Force and thread load follow from the volume, so that F = −P ∂V/∂L as for any conservative muscle. The
     diameter is the mean along the axis, as in a recording. Bladder and friction depend on the radius at
     mid-length, where the wall is stretched most.
 
-    No radius gives a cylinder at every contraction, therefore the share is a parameter. Neutral: s = 0.
+    No radius gives a cylinder at every contraction, therefore the share is a parameter. Neutral: s = 0 and
+    h = 0.
     Neglects: friction of the crossings, and threads clamped at an angle or over a length. It also neglects
     the axial pull of the bladder, which straightens the meridian, and the shorter stretched part of the
     bladder. For muscles shorter than tan²θ diameters it is an approximation.
     The simpler `end_cones` and `contraction_factor` are available for comparison.
-    Source: derived here, as the maximum volume of a pin-jointed net; compared with a net of rings.
+    Source: derived here, as the maximum volume of a pin-jointed net; compared with a net of rings. Cones:
+    Tsagarakis & Caldwell, ICRA 2000; Doumit, Fahim & Munro, IEEE Trans. Robot. 25, 1282 (2009).
     """
 
     id: ClassVar[str] = "end_taper"
@@ -62,21 +71,30 @@ class EndTaper(AbstractShape):
         about="radius of the fittings, to the middle of the thread",
         source="as wide as the muscle at rest, or a little less", default=12.67e-3,
     )  # fmt: skip
+    cone_height: Scalar = parameter(
+        "m", show="mm", low=0.0, high=0.1, neutral=0.0,
+        about="height of truncated cones at the ends, in addition to the net; 0 is none",
+        source="of the order of the diameter in drawings of muscles", default=0.0,
+    )  # fmt: skip
 
     table: NetTable | None = None
 
     def prepare(self, thread_length: Scalar, turns: Scalar) -> EndTaper:
-        return EndTaper(self.share, self.radius, tabulate_net(thread_length, turns, self.radius))
+        table = tabulate_net(thread_length, turns, self.radius)
+        return EndTaper(self.share, self.radius, self.cone_height, table)
 
     def shape(self, state: State) -> State:
         table = self.table if self.table is not None else tabulate_net(state.thread, state.turns, self.radius)
         difference = table(state.length, state.thread)
+        narrowed = self.cone_height * (state.radius - self.radius)
         return eqx.tree_at(
             lambda s: (s.radius, s.diameter, s.volume),
             state,
             (
                 state.radius + self.share * difference.mid_radius,
-                state.diameter + self.share * 2 * difference.mean_radius,
-                state.volume + self.share * difference.volume,
+                state.diameter + self.share * 2 * difference.mean_radius - 2 * narrowed / state.length,
+                state.volume
+                + self.share * difference.volume
+                - 2 * jnp.pi / 3 * narrowed * (2 * state.radius + self.radius),
             ),
         )

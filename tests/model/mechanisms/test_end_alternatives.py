@@ -10,6 +10,7 @@ from pamjax.model.bench import record_bench
 from pamjax.model.history import build_time_history
 from pamjax.model.mechanisms.contraction_factor import ContractionFactor
 from pamjax.model.mechanisms.end_cones import EndCones
+from pamjax.model.mechanisms.end_taper import EndTaper
 from pamjax.model.net import solve_net
 from pamjax.model.registry import check_exclusive_pairs
 from pamjax.model.state import Cylinder
@@ -51,6 +52,28 @@ def test_volume_of_cones_agrees_with_frusta():
     agree(coned.diameter, 2 * mean, SOLVED)
     with pytest.raises(AssertionError):
         agree(EndCones(0.8, 0.0121).shape(state).volume, whole, 1e-7)
+
+
+@pytest.mark.parametrize("fitting", [0.011, RADIUS[0], 0.0135])
+def test_cones_of_fixed_height_have_the_closed_form(fitting):
+    """The force is P ∂(cone volume)/∂L: a net without share adds nothing."""
+    height = 0.02
+    force, mean = shown(EndTaper(0.0, fitting, cone_height=height))
+    # ΔV = −(2π/3) h (R − Rf)(2R + Rf), ∂R/∂L = −L / (4π²N²R).
+    slope = -AT / (4 * np.pi**2 * TURNS**2 * RADIUS)
+    loss = PRESSURE * (2 * np.pi / 3) * height * (4 * RADIUS - fitting) * slope
+    agree(force, FORCE + loss, SOLVED)
+    agree(mean, 2 * RADIUS - 2 * height * (RADIUS - fitting) / AT, ROUNDING)
+
+
+def test_volume_of_cones_of_fixed_height_agrees_with_frusta():
+    state, height, fitting = Cylinder()(AT[5], THREAD, TURNS), 0.02, 0.012
+    profile = np.linspace(fitting, RADIUS[5], 4001)
+    ends = 2 * np.pi * np.trapezoid(profile**2, np.linspace(0, height, profile.size))
+    whole = ends + np.pi * RADIUS[5] ** 2 * (AT[5] - 2 * height)
+    agree(EndTaper(0.0, fitting, cone_height=height).shape(state).volume, whole, 1e-7)
+    with pytest.raises(AssertionError):
+        agree(EndTaper(0.0, fitting, cone_height=1.01 * height).shape(state).volume, whole, 1e-7)
 
 
 def test_tondu_factor_gives_the_force_at_k_times_the_contraction():

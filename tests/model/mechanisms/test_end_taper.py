@@ -180,7 +180,7 @@ def test_table_continues_as_a_cylinder():
 def test_share_scales_the_difference_between_net_and_cylinder():
     # A quarter of a net with 8 ml less volume, 2 mm less mean radius, 1 mm wider middle: the mean diameter
     # decreases by twice a quarter of 2 mm.
-    taper = EndTaper(0.25, 0.0121, lambda length, thread: Net(-8e-6, -2e-3, 1e-3))
+    taper = EndTaper(0.25, 0.0121, table=lambda length, thread: Net(-8e-6, -2e-3, 1e-3))
     at = triangle.state(0.2)
     shape = taper.shape(at)
     agree(shape.volume - at.volume, -2e-6, ROUNDING, 1e-3)
