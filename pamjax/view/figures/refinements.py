@@ -29,6 +29,7 @@ from pamjax.model.mechanism import AbstractStoredEnergy, Past
 from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.braid_friction import BraidFriction
 from pamjax.model.mechanisms.braid_locking import BraidLocking
+from pamjax.model.mechanisms.end_taper import EndTaper
 from pamjax.model.mechanisms.force_drift import ForceDrift
 from pamjax.model.mechanisms.mullins_softening import MullinsSoftening
 from pamjax.model.mechanisms.pressure_drop import PressureDrop
@@ -57,8 +58,9 @@ Curves = dict[str, tuple[np.ndarray, np.ndarray]]
 def plot_refinements() -> Figure:
     """Return the figure: a panel for each mechanism with a refinement, and two for friction."""
     with apply_theme():
-        figure = create_figure(DOUBLE_COLUMN, 9.0)
-        panels = list(figure.subplots(4, 2).flat)
+        figure = create_figure(DOUBLE_COLUMN, 11.0)
+        *panels, empty = figure.subplots(5, 2).flat
+        empty.remove()
         _plot_curves(panels[0], "force_drift", compute_drifts(), "time [min]", "zero [N]")
         _plot_curves(panels[1], "braid_locking", compute_lockings(), "contraction [%]", "force [N]")
         _plot_curves(panels[2], "bladder_elasticity", compute_rubbers(), "contraction [%]", "force [N]")
@@ -67,6 +69,7 @@ def plot_refinements() -> Figure:
         _plot_curves(panels[5], "viscoelastic_creep", compute_relaxations(), "time [s]", "stress [1]")
         _plot_curves(panels[6], "mullins_softening", compute_softenings(), "contraction [%]", "force [N]")
         _plot_curves(panels[7], "pressure_drop", compute_pressure_drops(), "flow [ml/s]", "drop [kPa]")
+        _plot_curves(panels[8], "end_taper", compute_end_losses(), "contraction [%]", "force [N]")
         for panel in (panels[0], panels[3]):
             # Room for the legend above the curves.
             low, high = panel.get_ylim()
@@ -189,6 +192,29 @@ def compute_softenings() -> Curves:
         slope = _compute_slope(lambda s, m=softening: m.strains(s, jnp.asarray(0.0))[0], length)
         curves[name] = (100 * contraction, stress * slope)
     return curves
+
+
+def compute_end_losses() -> Curves:
+    """Return the change of the force by the ends at a constant pressure, N, by form."""
+    contraction = np.linspace(0.02, 0.3, 113)
+    length = DEMO_REST_LENGTH * (1 - contraction)
+    rest = Cylinder()(*(jnp.asarray(v) for v in (DEMO_REST_LENGTH, DEMO_THREAD_LENGTH, DEMO_TURNS)))
+    fitting = float(rest.radius)
+    forms = {
+        "net": EndTaper(1.0, fitting),
+        "cones of 12 mm": EndTaper(0.0, fitting, cone_height=12e-3),
+    }
+
+    def compute_added_volume(state: State, ends: EndTaper) -> Array:
+        return ends.shape(state).volume - state.volume
+
+    return {
+        name: (
+            100 * contraction,
+            -_LOOP_PRESSURE * _compute_slope(lambda s, e=ends: compute_added_volume(s, e), length),
+        )
+        for name, ends in forms.items()
+    }
 
 
 def compute_pressure_drops() -> Curves:
