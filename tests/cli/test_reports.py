@@ -60,34 +60,49 @@ def open_in_browser(report, script, width, folder):
     return title[1], [line for line in process.stderr.splitlines() if "CONSOLE" in line]
 
 
-@pytest.mark.slow
-def test_report_of_a_fit_shows_names_as_text(bench, fitted, tmp_path):
-    """Names of the folder, of the muscle and of a column that is not used are text in the page."""
-    hostile = """<img src=x onerror=alert(1)><script>alert(1)<"$x^{"""
-    case = tmp_path / hostile
+#: Name that a page must show as text; as an element it would change the id of the body.
+HOSTILE = """<img src=x onerror=document.body.id=1><script>document.body.id=1</script><"$x^{"""
+#: Script that counts the elements that can run code, and tells whether one of them ran.
+COUNT = """<script>
+const active = document.querySelectorAll("script, img, iframe, [onerror], [onclick], [onload]").length;
+document.title = `active ${active - 1} ${document.body.id || "unchanged"}`;
+</script></body>"""
+
+
+@pytest.fixture(scope="session")
+def hostile_report(bench, tmp_path_factory):
+    """Return the report of a fit whose folder, muscle and unused column have the hostile name."""
+    folder = tmp_path_factory.mktemp("hostile")
+    case = folder / HOSTILE.replace("/", "")
     shutil.copytree(bench / "made", case)
     muscle, table = case / "muscle.toml", case / "recording.csv"
-    muscle.write_text(re.sub(r"(?m)^name = .*", f"name = '{hostile}'", muscle.read_text()))
-    assert hostile in muscle.read_text()
+    muscle.write_text(re.sub(r"(?m)^name = .*", f"name = '{HOSTILE}'", muscle.read_text()))
+    assert HOSTILE in muscle.read_text()
     head, rows = table.read_text().split("\n", 1)
     rows = "".join(f"{line},1\n" for line in rows.splitlines())
-    table.write_text(f'{head},"{hostile.replace(chr(34), chr(34) * 2)} [N]"\n{rows}')
-    words = [
-        "fit",
-        str(case),
-        "--out",
-        str(tmp_path / "out"),
-        "--starts",
-        "2",
-        "--folds",
-        "2",
-        "--no-figures",
-    ]
-    assert main(words) == 0
-    page = Page((tmp_path / "out" / "report.html").read_text("utf-8"))
+    table.write_text(f'{head},"{HOSTILE.replace(chr(34), chr(34) * 2)} [N]"\n{rows}')
+    words = ["fit", str(case), "--out", str(folder / "out"), "--no-figures"]
+    assert main([*words, "--starts", "2", "--folds", "2"]) == 0
+    return folder / "out" / "report.html"
+
+
+@pytest.mark.slow
+def test_report_of_a_fit_shows_names_as_text(hostile_report, fitted):
+    page = Page(hostile_report.read_text("utf-8"))
     plain = Page((fitted / "report.html").read_text("utf-8"))
     assert page.list_active_parts() == plain.list_active_parts()
-    assert hostile in page.text
+    assert HOSTILE in page.text
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium")
+def test_names_run_no_script_in_a_browser(hostile_report, tmp_path):
+    title, _ = open_in_browser(hostile_report, COUNT, 1200, tmp_path)
+    assert title == "active 0 unchanged"
+    # Negative control: the same name without escaping.
+    (tmp_path / "unsafe.html").write_text(f"<html><body><title>x</title>{HOSTILE}</body></html>")
+    title, _ = open_in_browser(tmp_path / "unsafe.html", COUNT, 1200, tmp_path)
+    assert title == "active 2 1"
 
 
 @pytest.mark.slow
