@@ -359,7 +359,7 @@ class DiagnosisSettings:
         "fewer sentences give places")
 
     min_stuck_readings: int = _report(3, "count", 2, 10**6,
-        "Compare with a stuck length channel if it repeats a reading this often",
+        "Compare with a stuck length or force channel if it repeats a reading this often",
         "short stops of the channel are not recognised")
     min_clipped_readings: int = _report(5, "count", 2, 10**6,
         "Compare with a clipped load cell if this many readings are equal to the largest one",

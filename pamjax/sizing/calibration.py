@@ -23,6 +23,7 @@ from pamjax.model.bench import Bench
 from pamjax.model.mechanism import AbstractMechanism
 from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
+from pamjax.model.mechanisms.end_taper import EndTaper
 from pamjax.model.thread import LinearThread
 from pamjax.sizing.specification.materials import BladderKind, ThreadKind, list_bladders, list_threads
 from pamjax.sizing.specification.schema import Calibration
@@ -199,6 +200,8 @@ def _transfer_mechanisms(muscle: Bench, area: float, file: str, sources: list[st
                 for name in _TRANSFERABLE_NUMBERS[mechanism.id]
             }
             sources.append(f"{mechanism.about.title} ({mechanism.id}) from {file}")
+            if isinstance(mechanism, EndTaper) and float(mechanism.cone_height) > 0:
+                sources.append("not transferred: cones at the ends")
         elif not isinstance(mechanism, BraidElasticity):
             other_names.append(mechanism.id)
     if "thread_crimp.load" in numbers:

@@ -40,7 +40,7 @@ def taper_as_cone(height: float, fitting_radius: float) -> Effect:
     """Return cut-off cones of a fixed height h at both ends, from radius Rf to R.
 
     ΔV = 2h [π(R² + R Rf + Rf²)/3 − πR²],   ΔR_mean = −h (R − Rf)/L. Zero for R = Rf or h = 0.
-    Source: Tsagarakis & Caldwell, ICRA 2000, with a fixed height; the fit has a net that bulges.
+    Source: Tsagarakis & Caldwell, ICRA 2000, with a fixed height: the refinement of `end_taper`.
     """
     return Effect(
         volume=lambda length, radius: (

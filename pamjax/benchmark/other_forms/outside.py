@@ -172,6 +172,8 @@ def compute_fold(contraction: np.ndarray, centre: float, width: float) -> np.nda
 
 def compute_ringing(time: np.ndarray, start_times: np.ndarray, period: float, decay: float) -> np.ndarray:
     """Return exp(−s/τ) sin(2πs/T) with the time s since the last start; zero before the first one."""
+    if not start_times.size:
+        return np.zeros_like(time)
     last = np.searchsorted(start_times, time, side="right") - 1
     since = time - start_times[np.maximum(last, 0)]
     return np.where(last >= 0, np.exp(-since / decay) * np.sin(2 * np.pi * since / period), 0.0)

@@ -5,9 +5,9 @@ The residual r of a channel, over its assumed standard deviation, has the mean s
     E r² = 1 − A + A v,     var(mean of r²) = (E r²)² (2 (1 + 2 a² ρ² / (1 − ρ²)) / n + u²),
 
 where A is the autocorrelated fraction of the variance, v the true over the assumed variance of the sensor,
-a = A v / E r², n the number of samples and u the relative error of a stated variance. Where the recording
-itself determines the noise of the sensor, the p-value is the mean over the posterior of v and ρ. The
-test allows for a sensor that is noisier than stated, so it rarely detects misfit.
+a = A v / E r², n the number of samples and u an allowance for the relative error of any variance. Where the
+recording itself determines the noise of the sensor, the p-value is the mean over the posterior of v and ρ.
+The test allows for a sensor that is noisier than stated, so it rarely detects misfit.
 Source: variance of a mean square of a Gaussian process, M. S. Bartlett, Suppl. J. R. Stat. Soc. 8, 27 (1946).
 """
 

@@ -163,6 +163,10 @@ def _limit_to_recording(
     """Change the limits of the parameters for which a recording has a scale, in place."""
     k = names.index("braid_friction.presliding")
     low[k] = max(low[k], settings.min_presliding_noise_ratio * (case.muscle_toml.sensors.length or 0.0))
+    k = names.index("end_taper.cone_height")
+    # Both cones together are not longer than the muscle.
+    high[k] = min(high[k], 0.5 * float(np.nanmin(case.recording.length)))
+    start[k] = np.clip(start[k], low[k], high[k])
     k = names.index("mullins_softening.cyclic_energy")
     path = _compute_wall_path(case, dict(zip(names, start, strict=True)))
     high[k] = max(min(high[k], _MAX_SOFTENING_SHARE * path), 2 * low[k])

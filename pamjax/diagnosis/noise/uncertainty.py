@@ -1,17 +1,18 @@
-"""Uncertainty of the noise variance along a direction, due to the estimated noise correlation.
+"""Uncertainty of the noise variance along a direction, due to the estimated noise of the sensor.
 
 A direction d, white and of unit length, has the noise variance
 
-    V(ρ′) = Σ_ω |d(ω)|² S(ω; ρ′) / S(ω; ρ),     S(ω; ρ) = 1 − A + A (1 − ρ²) / |1 − ρ e^(−iω)|²,
+    V(ρ′, v) = Σ_ω |d(ω)|² S(ω; ρ′, v) / S(ω; ρ, 1),    S(ω; ρ, v) = 1 − A + v A (1 − ρ²) / |1 − ρ e^(−iω)|²,
 
-if the true correlation is ρ′ and the assumed one is ρ. A larger ρ′ gives a slow direction more variance and a
+if the true correlation is ρ′ and the assumed one is ρ, and the true variance of the sensor is v times the
+assumed one; v is 1 for an exact statement. A larger ρ′ gives a slow direction more variance and a
 fast one less. The prior of ρ′ is one half at zero and one half uniform up to the setting
 `max_noise_correlation`. The likelihood is the estimate from neighbours' differences with its standard error.
 This error is large if the sensor noise is a small part of the total. The input noise is known only to a share
 of its variance. A channel without an estimated correlation has the uncertainty of a variance from that many
 squared differences. If the recording determines the variance of a sensor too, because its noise is not stated
 or the statement may be inexact, variance and correlation are uncertain together (`sensor_posterior.py`).
-Neglects: the ends of runs.
+Neglects: the ends of runs, and the posterior correlation of sensor noise and propagated noise.
 Source: filtering of a stationary process, derived here.
 """
 
@@ -95,7 +96,9 @@ def _compute_channel_variances(
             _compute_spectral_density(channel.ar1_fraction, *rho_and_factor, phase) / assumed_density
             for rho_and_factor in zip(rho, times, strict=True)
         ]
-        return power @ np.stack(density_ratios, axis=1) * variance_factors
+        variances = power @ np.stack(density_ratios, axis=1)
+        # The posterior of a stated sensor contains the error of a variance from that many differences.
+        return variances if channel.is_stated else variances * variance_factors
     density_ratios = [
         _compute_spectral_density(channel.ar1_fraction, rho, 1.0, phase) / assumed_density
         for rho in _compute_correlation_nodes(channel, samples, settings)

@@ -92,9 +92,12 @@ class Likeness:
 
 
 def find_best_template_fits(
-    problem: LibraryProblem, build_templates_at: TemplateBuilder, fits: Sequence[ModelFit]
+    problem: LibraryProblem,
+    build_templates_at: TemplateBuilder,
+    fits: Sequence[ModelFit],
+    similar: TemplateFit | None = None,
 ) -> list[TemplateFit]:
-    """Return for each fit the template with the smallest cost; fits without a template are left out.
+    """Return for each fit the template with the smallest cost; empty if there is no template.
 
     A linear model selects a template for each fit. Far from the estimate it may select a wrong place, so each
     fit is also tried with the templates of the other fits. The shape of a template depends on the prediction.
@@ -104,10 +107,14 @@ def find_best_template_fits(
         problem: the recording and the library.
         build_templates_at: returns all templates at all coarse places.
         fits: fits with different mechanisms.
+        similar: a fit with more mechanisms and a template, from which the search starts too.
     """
     form_error_fits = parallel_map(lambda fit: add_form_errors(problem, fit), list(fits))
-    templates = build_templates_at(fits[0].estimate.values) if fits else []
-    starts = [t for fit in form_error_fits if (t := _select_template(fit, templates)) is not None]
+    if not fits:
+        return []
+    templates = build_templates_at((similar or fits[0]).estimate.values)
+    starts = [] if similar is None else [similar.template]
+    starts += [t for fit in form_error_fits if (t := _select_template(fit, templates)) is not None]
     starts = list({id(template): template for template in starts}.values())
     if not starts:
         return []
@@ -210,7 +217,9 @@ def list_likenesses(
     if not best_fits:
         return ()
     (best,) = best_fits
-    templates = [*build_templates_at(best.estimate.values), *best.template.refine(), best.template]
+    templates = [*build_templates_at(best.estimate.values), *best.template.refine()]
+    if best.template.description not in {template.description for template in templates}:
+        templates.append(best.template)
     linear_fit = _linearise_at(problem, add_form_errors(problem, fit), best.estimate)
     explained = compute_explained_chi2(linear_fit, templates)
     gains = explained - _compute_penalties(linear_fit, templates)

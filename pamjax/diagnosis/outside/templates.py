@@ -11,6 +11,7 @@ A new template is one function that yields its variants at a place, and one entr
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -100,7 +101,10 @@ class TemplateContext:
     def find_later_rows(self, row: float) -> tuple[np.ndarray, str]:
         """Return 1 from a row on and 0 before, (n,), and words for the moment of this row."""
         assert self.time is not None
-        return (np.arange(self.time.size) >= row).astype(float), f"after {self.time[int(row)]:.0f} s"
+        step = max(float(np.median(np.diff(self.time))), 1e-9)
+        decimals = max(-math.floor(math.log10(step)), 0)
+        moment = f"after {self.time[int(row)]:.{decimals}f} s"
+        return (np.arange(self.time.size) >= row).astype(float), moment
 
 
 Variants = Iterator[tuple[str, list[np.ndarray]]]
@@ -167,10 +171,11 @@ def _build_template(
 
 def _refine(context: TemplateContext, id: str, places: np.ndarray, k: int, share: float) -> list[Template]:
     """Return the templates of a family between the neighbours of its k-th place, which divide its share."""
-    low, high = places[max(k - 1, 0)], places[min(k + 1, len(places) - 1)]
+    spacing = np.diff(places, prepend=0 if len(places) == 1 else 2 * places[0] - places[1])
+    low, high = places[k] - spacing[k], places[k] + spacing[min(k + 1, len(places) - 1)]
     finer = np.linspace(low, high, _FINER_COUNT + 2)
     finer = np.unique(finer.astype(places.dtype))
-    inner = [j for j in range(len(finer)) if low < finer[j] < high]
+    inner = [j for j in range(len(finer)) if low < finer[j] < high and finer[j] != places[k]]
     return [
         _build_template(context, id, finer, variant, share / len(inner))
         for variant in _list_variants(context, id, finer, inner)
@@ -290,6 +295,8 @@ def _build_stuck_lengths(context: TemplateContext, _: float) -> Variants:
 def _build_stuck_forces(context: TemplateContext, _: float) -> Variants:
     """Yield a force channel that repeats its reading while the force of the muscle changes."""
     is_stuck = _find_repeated_readings(context.force, context.settings.min_stuck_readings)
+    # A load cell that repeats its largest reading clips.
+    is_stuck &= context.force < np.nanmax(context.force, initial=-np.inf)
     if is_stuck.any() and not is_stuck.all():
         rows = np.arange(is_stuck.size)
         reading = np.maximum.accumulate(np.where(is_stuck, 0, rows))

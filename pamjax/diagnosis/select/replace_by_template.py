@@ -1,9 +1,9 @@
 """Replacement of mechanisms by a template of an effect outside the library.
 
-Several mechanisms together can imitate such an effect. First each mechanism, and all of them, are replaced by
-the best template. If that explains more, mechanisms are removed one by one, as long as the criterion
-−2 ln L + k ln n of `outside/template_fits.py` decreases. A mechanism that explained a part of the effect is
-often superfluous beside the template.
+Several mechanisms together can imitate such an effect. The best template is added to the model, to the models
+with one mechanism less, and to the baseline. From the best of these, mechanisms are removed one by one, as
+long as the criterion −2 ln L + k ln n of `outside/template_fits.py` decreases. A mechanism that explained a
+part of the effect is often superfluous beside the template.
 """
 
 from __future__ import annotations
@@ -50,11 +50,13 @@ def replace_by_template(
     if len(fit.mechanisms) > 1:
         smaller_fits.append(refit_baseline(problem, fit))
     with_template = find_best_template_fits(problem, build_templates_at, [fit, *smaller_fits])
-    limit = add_form_errors(problem, fit).full_bic
-    better = _find_best([each for each in with_template if each.fit is not fit], limit)
+    better = _find_best(with_template, add_form_errors(problem, fit).full_bic)
     if better is None:
         return selection, []
     better = _remove_mechanisms(problem, build_templates_at, better)
+    if len(better.fit.mechanisms) == len(fit.mechanisms):
+        # All mechanisms explain something beside the template: the template is only a likeness.
+        return selection, []
     named_mechanisms = [
         mechanism for mechanism in selection.named_mechanisms if mechanism.id in better.fit.ids
     ]
@@ -85,6 +87,6 @@ def _remove_mechanisms(
     """Return a fit with a template without the mechanisms that it does not need beside the template."""
     smaller_fits = _list_smaller_fits(problem, template_fit.fit)
     smaller = _find_best(
-        find_best_template_fits(problem, build_templates_at, smaller_fits), template_fit.cost
+        find_best_template_fits(problem, build_templates_at, smaller_fits, template_fit), template_fit.cost
     )
     return template_fit if smaller is None else _remove_mechanisms(problem, build_templates_at, smaller)

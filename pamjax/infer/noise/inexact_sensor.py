@@ -26,6 +26,8 @@ from pamjax.infer.noise.sensor_posterior import (
 _EXACT_PROBABILITY, _EXACT_VARIANCE_ERROR, _INEXACT_VARIANCE_ERROR = 0.7, 0.05, 0.5
 #: Smallest estimated over stated variance.
 _MIN_VARIANCE_FACTOR = 0.05
+#: Smallest mean square over its stated value.
+_MIN_SQUARE_SHARE = 1e-4
 #: Fits of the variance factors with the scatter that they predict.
 _SCATTER_ROUNDS = 3
 
@@ -50,7 +52,8 @@ def estimate_inexact_noise(statistics: DifferenceStatistics, stated_variance: fl
         statistics: mean squares of the residual and of the propagated noise.
         stated_variance: of the sensor, SI squared.
     """
-    floor = np.maximum(1e-6 * (statistics.propagated_variance + stated_variance), 1e-36)
+    # A recording almost free of noise: the floor is far below the smallest estimate of a variance.
+    floor = np.maximum(_MIN_SQUARE_SHARE * (statistics.propagated_variance + 6 * stated_variance), 1e-36)
     statistics = replace(statistics, mean_squares=np.maximum(statistics.mean_squares, floor))
     hypotheses = [
         _fit_factors(statistics, stated_variance, error)

@@ -22,7 +22,8 @@ class EndTaper(AbstractShape):
         s   share        1   share of the net: 0 is a cylinder, 1 is the frictionless net
         Rf  radius       m   radius at which the braid is clamped
 
-    Refinement: truncated cones of a fixed height h at both ends, from Rf to the radius R of the cylinder:
+    Refinement: truncated cones of a fixed height h are added at both ends, from Rf to the radius R of the
+    cylinder. Their force loss is largest near rest length, also with fittings as wide as the muscle:
 
         V −= (2π/3) h (R − Rf) (2R + Rf),    D_mean −= 2 h (R − Rf) / L
 
@@ -46,10 +47,11 @@ class EndTaper(AbstractShape):
     about: ClassVar[Description] = Description(
         title="taper of the muscle near its fittings",
         equation="dV = 0 at given L for a pin-jointed net with r = Rf at both ends;"
-        "   V = V_cyl + s (V_net - V_cyl),   F = -P dV/dL",
+        "   V = V_cyl + s (V_net - V_cyl) - (2 pi/3) h (R - Rf) (2 R + Rf),   F = -P dV/dL",
         signature="The force loss is proportional to pressure. It is zero at rest length if the fittings are"
         " as wide as the muscle. It is largest at mid-stroke, a tenth to a fifth of the force, and small at"
-        " free contraction. The mean diameter is smaller than that of a cylinder, and the middle is wider.",
+        " free contraction. Cones of a fixed height h also reduce the force at rest length. The mean diameter"
+        " is smaller than that of a cylinder, and the middle is wider.",
         neglects="friction of the crossings, threads clamped at an angle, the bladder's pull on the meridian",
         confusable=("bladder_elasticity", "length_offset", "diameter_offset", "pressure_gain"),
         experiment="Record strokes at two pressures: the force loss by tapered ends increases with pressure,"
@@ -72,7 +74,7 @@ class EndTaper(AbstractShape):
         source="as wide as the muscle at rest, or a little less", default=12.67e-3,
     )  # fmt: skip
     cone_height: Scalar = parameter(
-        "m", show="mm", low=0.0, high=0.1, neutral=0.0,
+        "m", show="mm", low=0.0, high=0.1, neutral=0.0, is_refinement=True,
         about="height of truncated cones at the ends, in addition to the net; 0 is none",
         source="of the order of the diameter in drawings of muscles", default=0.0,
     )  # fmt: skip

@@ -64,7 +64,7 @@ def test_zero_step_is_one_newton_after_its_moment(context):
         force, diameter = template.columns[0]
         assert set(force) == {0.0, 1.0}
         assert np.all(np.diff(force) >= 0)
-        assert f"{TIME[np.argmax(force)]:.0f} s" in template.description
+        assert f"{TIME[np.argmax(force)]:.1f} s" in template.description
         agree(diameter, 0.0, ROUNDING)
 
 
@@ -152,6 +152,18 @@ def test_finer_places_are_between_the_neighbours_and_divide_the_share(context):
     assert len(finer[3].refine()) == 2 * len(finer)
 
 
+def test_finer_places_reach_the_ends(context):
+    stops = [each for each in build_templates(context) if each.description.startswith("a stop beyond")]
+    coarse = np.max(1 - LENGTH / 0.2) / 25
+    for k, end in ((0, 0.0), (-1, 25 * coarse)):
+        places = [
+            float(each.description.split()[3].rstrip("%")) / 100
+            for each in stops[k].refine()
+            if each.description.startswith("a stop beyond")
+        ]
+        assert min(abs(place - end) for place in places) < 0.2 * coarse
+
+
 def test_finer_moments_are_whole_rows(context):
     later = replace(context, **_repeat_rows(context, 9))
     breaks = [each for each in build_templates(later) if each.id == "thread_break"]
@@ -171,6 +183,7 @@ def _repeat_rows(context, times):
 def test_a_stuck_force_keeps_the_prediction_of_its_first_row(context):
     stuck = PREDICTION[0].copy()
     stuck[20:40] = stuck[20]
+    assert stuck[20] < stuck.max()
     (template,) = list_family(replace(context, force=stuck), "stuck_force").values()
     inside = np.isin(np.arange(N), range(21, 40))
     agree(template.columns[0, 0], np.where(inside, PREDICTION[0][20] - PREDICTION[0], 0.0), ROUNDING)

@@ -49,6 +49,16 @@ def test_propagated_noise_scales_with_the_sensor():
     assert noise.posterior.variance + 4.0 * noise.input_factor == pytest.approx(1.4**2 * 5.0, rel=0.06)
 
 
+@pytest.mark.parametrize("noise_share", [0.0, 1e-3])
+@pytest.mark.parametrize("propagated_sd", [0.0, 0.01, 0.1, 0.3])
+@pytest.mark.parametrize("misfit", [0.0, 1.0, 100.0])
+def test_a_recording_almost_free_of_noise_has_little_noise(noise_share, propagated_sd, misfit):
+    smooth = misfit * np.sin(12 * np.linspace(0, 1, ROWS))
+    noise = estimate(noise_share * simulate_noise(0.0, 5) + smooth, 1.0, propagated_sd)
+    assert noise.posterior.variance < 0.1
+    assert np.all(np.isfinite(noise.posterior.support))
+
+
 def test_a_smooth_misfit_is_not_noise():
     time = np.linspace(0, 1, ROWS)
     noise = estimate(simulate_noise(0.0, 4) + 30 * np.sin(12 * time), 1.0)

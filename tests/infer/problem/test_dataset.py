@@ -41,6 +41,8 @@ def test_refinements_of_a_mechanism_are_not_fitted_unless_a_diagnosis_asks():
     case, ids = made("elastic"), [kind.id for kind in MECHANISMS]
     free = {parameter.name for parameter in list_free_parameters(case, "elastic", ids)}
     assert {"force_drift.rate", "braid_locking.width"} <= free
+    # The height of the cones is a refinement: beside the net it would be a second, similar amplitude.
+    assert {name for name in free if name.startswith("end_taper.")} == {"end_taper.share", "end_taper.radius"}
     stated = collect_mechanism_values(case.muscle_toml, ids)
     for name, (kind, field) in list_mechanism_parameters(ids).items():
         if find_meaning(name).is_refinement:
