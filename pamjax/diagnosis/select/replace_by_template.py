@@ -1,9 +1,10 @@
 """Replacement of mechanisms by a template of an effect outside the library.
 
 Several mechanisms together can imitate such an effect. The best template is added to the model, to the models
-with one mechanism less, and to the baseline. From the best of these, mechanisms are removed one by one, as
-long as the criterion −2 ln L + k ln n of `outside/template_fits.py` decreases. A mechanism that explained a
-part of the effect is often superfluous beside the template.
+with one mechanism less, and to the baseline. If the best of these is better than the model without a
+template, mechanisms are removed one by one. The criterion −2 ln L + k ln n of `outside/template_fits.py` must
+stay below that of the model without a template, and within the setting `tie_chi2` of its smallest value. A
+mechanism that explained a part of the effect is often superfluous beside the template.
 """
 
 from __future__ import annotations
@@ -50,10 +51,13 @@ def replace_by_template(
     if len(fit.mechanisms) > 1:
         smaller_fits.append(refit_baseline(problem, fit))
     with_template = find_best_template_fits(problem, build_templates_at, [fit, *smaller_fits])
-    better = _find_best(with_template, add_form_errors(problem, fit).full_bic)
-    if better is None:
+    cost_without_template = add_form_errors(problem, fit).full_bic
+    cheapest = min(with_template, key=lambda each: each.cost, default=None)
+    if cheapest is None or cheapest.cost >= cost_without_template:
         return selection, []
-    better = _remove_mechanisms(problem, build_templates_at, better)
+    limit = min(cheapest.cost + problem.settings.tie_chi2, cost_without_template)
+    better = _find_smallest(with_template, limit) or cheapest
+    better = _remove_mechanisms(problem, build_templates_at, better, limit)
     if len(better.fit.mechanisms) == len(fit.mechanisms):
         # All mechanisms explain something beside the template: the template is only a likeness.
         return selection, []
@@ -74,19 +78,23 @@ def _list_smaller_fits(problem: LibraryProblem, fit: ModelFit) -> list[ModelFit]
     return [fit_without_mechanism(problem, fit, k) for k in range(len(fit.mechanisms))]
 
 
-def _find_best(template_fits: Sequence[TemplateFit], max_cost: float) -> TemplateFit | None:
-    """Return the fit of the smallest cost; None if no cost is below the maximum."""
+def _find_smallest(template_fits: Sequence[TemplateFit], limit: float) -> TemplateFit | None:
+    """Return the fit with the fewest mechanisms, then of the smallest cost; None if none is below a limit."""
     return min(
-        (each for each in template_fits if each.cost < max_cost), key=lambda each: each.cost, default=None
+        (each for each in template_fits if each.cost < limit),
+        key=lambda each: (len(each.fit.mechanisms), each.cost),
+        default=None,
     )
 
 
 def _remove_mechanisms(
-    problem: LibraryProblem, build_templates_at: TemplateBuilder, template_fit: TemplateFit
+    problem: LibraryProblem, build_templates_at: TemplateBuilder, template_fit: TemplateFit, limit: float
 ) -> TemplateFit:
     """Return a fit with a template without the mechanisms that it does not need beside the template."""
     smaller_fits = _list_smaller_fits(problem, template_fit.fit)
-    smaller = _find_best(
-        find_best_template_fits(problem, build_templates_at, smaller_fits, template_fit), template_fit.cost
+    smaller = _find_smallest(
+        find_best_template_fits(problem, build_templates_at, smaller_fits, template_fit), limit
     )
-    return template_fit if smaller is None else _remove_mechanisms(problem, build_templates_at, smaller)
+    return (
+        template_fit if smaller is None else _remove_mechanisms(problem, build_templates_at, smaller, limit)
+    )
