@@ -38,9 +38,9 @@ from pamjax.diagnosis.next_experiment.experiment import Experiment, propose_expe
 from pamjax.diagnosis.noise.input_noise import clear_evaluations
 from pamjax.diagnosis.noise.noise_ratios import compute_noise_ratios, format_noise_notes
 from pamjax.diagnosis.notes import format_notes
-from pamjax.diagnosis.outside.template_context import build_template_context
-from pamjax.diagnosis.outside.template_fits import TemplateBuilder, list_likenesses
-from pamjax.diagnosis.outside.templates import build_templates
+from pamjax.diagnosis.outside.template_context import get_template_builder
+from pamjax.diagnosis.outside.template_fits import list_likenesses
+from pamjax.diagnosis.outside.templates import TemplateBuilder
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
@@ -183,7 +183,7 @@ def _diagnose_problem(problem: LibraryProblem, case: Case, seed: int, progress: 
         else Selection(training.baseline, training.baseline, ())
     )
     progress("testing", 0.85)
-    build_templates_at = _get_template_builder(training, case.recording.length)
+    build_templates_at = get_template_builder(problem, case.recording.length, blocks)
     tested_selection = _test_against_templates(training, selection, build_templates_at)
     confirmed_selection = _cross_validate_on_blocks(training, tested_selection)
     held_out_test = _test_held_out_rows(training, confirmed_selection.selection)
@@ -256,18 +256,6 @@ def _test_baseline(
     baseline = fit_model(problem, training_mask, (), problem.neutral)
     mismatch = run_baseline_test(problem, baseline, seed)
     return _Training(problem, training_mask, blocks, baseline, mismatch, seed)
-
-
-def _get_template_builder(training: _Training, length: np.ndarray) -> TemplateBuilder:
-    """Return the function that builds the templates of effects outside the library at parameter values.
-
-    It returns none without a significant misfit. The templates describe forces, so none applies where length
-    is measured.
-    """
-    problem, blocks = training.problem, training.blocks
-    if not training.is_detected or problem.case.recording.measures_length:
-        return lambda values: []
-    return lambda values: build_templates(build_template_context(problem, length, blocks, values))
 
 
 def _test_against_templates(

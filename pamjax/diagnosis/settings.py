@@ -216,7 +216,7 @@ class DiagnosisSettings:
         "Limit the number of mechanisms in a model to this",
         "more mechanisms can be identified")
     tie_chi2: float = _select(12.0, "BIC", 0.0, 1e6,
-        "Report two mechanisms as indistinguishable if their BIC differs by less than this",
+        "Treat two models as indistinguishable if their BIC differs by less than this",
         "more mechanisms count as indistinguishable")
     tie_excess_share: float = _select(0.1, "share of the excess χ²", 0.0, 10.0,
         "Add this to that difference for a model with misfit",
@@ -249,7 +249,7 @@ class DiagnosisSettings:
         "Continue the search from a pair if its rough refit increases the BIC by less than this per sample",
         "slower; fewer mechanisms are missed")
     max_noise_chi2_sd: float = _select(2.0, "sd of the χ² of noise", 0.0, 100.0,
-        "Treat an excess χ² below this as noise (also in cross-validation)",
+        "Treat an excess χ² below this as noise (also in cross-validation and beside a template)",
         "more models count as complete")
     same_pair_chi2_share: float = _select(0.001, "share of the BIC reduction", 0.0, 1.0,
         "Treat two pairs with one common mechanism as the same if they differ by less than this",

@@ -7,12 +7,22 @@ import numpy as np
 
 from pamjax.diagnosis.library.library_parameters import COMPLIANCE_PARAMETER
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.outside.templates import TemplateContext
+from pamjax.diagnosis.outside.templates import TemplateBuilder, TemplateContext, build_templates
 from pamjax.infer.noise.sensor_noise import compute_sensitivities
 from pamjax.records.blocks import Blocks
 
 #: Parameters that describe the stiffness of the threads; each baseline has one of them.
 _STIFFNESS_PARAMETERS = ("thread.modulus", "thread.stiffness", COMPLIANCE_PARAMETER)
+
+
+def get_template_builder(problem: LibraryProblem, length: np.ndarray, blocks: Blocks) -> TemplateBuilder:
+    """Return the function that builds the templates of a recording; arguments as in `build_template_context`.
+
+    The templates describe forces, so it returns none where length is measured.
+    """
+    if problem.case.recording.measures_length:
+        return lambda values: []
+    return lambda values: build_templates(build_template_context(problem, length, blocks, values))
 
 
 def build_template_context(

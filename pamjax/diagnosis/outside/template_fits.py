@@ -15,7 +15,7 @@ Source: G. Schwarz, Ann. Stat. 6, 461 (1978).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +25,7 @@ from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.form_errors.columns import build_coordinates
 from pamjax.diagnosis.form_errors.fit import add_form_errors, estimate_form_shares
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.outside.templates import Template
+from pamjax.diagnosis.outside.templates import Template, TemplateBuilder
 from pamjax.diagnosis.refit.least_squares import (
     MapEstimate,
     compute_priors,
@@ -48,10 +48,6 @@ _MAX_TEMPLATE_MOVES = 6
 
 #: Share of a template that the parameters must not imitate; a smaller one is rounding.
 _MIN_FREE_SHARE = 1e-3
-
-
-#: Returns all templates at all coarse places, at (p,) parameter values.
-TemplateBuilder = Callable[[np.ndarray], list[Template]]
 
 
 @dataclass(frozen=True, eq=False)

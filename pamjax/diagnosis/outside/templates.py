@@ -59,6 +59,10 @@ class Template:
     refine: Callable[[], list[Template]] = _return_nothing
 
 
+#: Returns all templates at all coarse places, at (p,) parameter values, SI.
+TemplateBuilder = Callable[[np.ndarray], list[Template]]
+
+
 @dataclass(frozen=True, eq=False)
 class TemplateContext:
     """What a template may depend on, in n rows.
