@@ -1,7 +1,8 @@
-"""The stages of one case: the files that `pamjax check`, `fit` and `diagnose` write, in a given folder."""
+"""The stages of one case: the files that the commands of these names write, in a given folder."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shlex
 from collections.abc import Callable
@@ -10,9 +11,12 @@ from typing import Any
 
 from pamjax.errors import BadInput
 from pamjax.records.case import Case, read_case
+from pamjax.records.files import read_bytes
 
 #: Name of the report of a stage.
 _CASE_REPORT_FILE = "report.html"
+#: Result of the stage validate.
+_VALIDATION_FILE = "validation.json"
 
 
 def read_unchanged_case(folder: Path, checksum: str) -> Case:
@@ -65,6 +69,24 @@ def _run_fit(case: Case, out: Path, settings: dict[str, Any]) -> None:
         write_fit_report(result, out / _CASE_REPORT_FILE, _format_fit_command(case, settings))
 
 
+def _run_sample(case: Case, out: Path, settings: dict[str, Any]) -> None:
+    """Write the files of `pamjax sample`, without the saved chain."""
+    from pamjax.infer.posterior.io import save_posterior
+    from pamjax.infer.posterior.sample import sample
+
+    options = {name: settings[name] for name in ("sampler", "ess", "rhat", "max_draws", "seed")}
+    post = sample([case], settings["law"], [], settings["mechanisms"], **options)
+    save_posterior(post, out)
+    if settings["figures"]:
+        from pamjax.view.figures.posterior import save_posterior_figures
+
+        save_posterior_figures(post, out)
+    if settings["report"]:
+        from pamjax.view.reports.posterior import write_posterior_report
+
+        write_posterior_report(post, out / _CASE_REPORT_FILE, _format_sample_command(case, settings))
+
+
 def run_diagnose(case: Case, out: Path, settings: dict[str, Any]) -> None:
     """Write the files of `pamjax diagnose`."""
     from pamjax.baselines.comparison import compare_models, save_comparison
@@ -83,18 +105,52 @@ def run_diagnose(case: Case, out: Path, settings: dict[str, Any]) -> None:
         write_diagnosis_report(diagnosis, out / _CASE_REPORT_FILE, command, comparison)
 
 
-#: Function of each stage.
+def run_validate(case: Case, out: Path, settings: dict[str, Any], file: Path) -> None:
+    """Write validation.json: errors of a model on the case, by block.
+
+    Args:
+        case: the case.
+        out: folder of the stage.
+        settings: "case", the name of the case in the file; "checksum", the SHA-256 of the file.
+        file: path of the model.json or fit.json.
+    """
+    from pamjax.diagnosis.validate import read_training_checksums, validate
+    from pamjax.infer.fitting.load import load_muscle
+
+    if hashlib.sha256(read_bytes(file)).hexdigest() != settings["checksum"]:
+        raise BadInput.from_rule(f"{file} changed after the run began", remedy="Start the fleet again.")
+    model = load_muscle(file, case=settings["case"])
+    validation = validate(model, case, read_training_checksums(file))
+    text = json.dumps(validation.as_dict(), indent=1, allow_nan=False) + "\n"
+    (out / _VALIDATION_FILE).write_text(text, "utf-8")
+
+
+#: Function of each stage that needs the case alone.
 STEPS: dict[str, Callable[[Case, Path, dict[str, Any]], None]] = {
     "check": _run_check,
     "fit": _run_fit,
+    "sample": _run_sample,
     "diagnose": run_diagnose,
 }
+
+
+def _format_model_options(settings: dict[str, Any]) -> list[str]:
+    words = ["--law", settings["law"]] if settings["law"] else []
+    return [*words, "--with", *settings["mechanisms"]] if settings["mechanisms"] else words
+
+
+def _format_sample_command(case: Case, settings: dict[str, Any]) -> str:
+    """Return the command that repeats a posterior."""
+    words = ["pamjax", "sample", str(case.folder), "--seed", str(settings["seed"])]
+    words += _format_model_options(settings)
+    for name in ("sampler", "ess", "rhat", "max_draws"):
+        words += [f"--{name.replace('_', '-')}", f"{settings[name]}"]
+    return shlex.join(words)
 
 
 def _format_fit_command(case: Case, settings: dict[str, Any]) -> str:
     """Return the command that repeats a fit."""
     words = ["pamjax", "fit", str(case.folder), "--seed", str(settings["seed"])]
-    words += ["--law", settings["law"]] if settings["law"] else []
-    words += ["--with", *settings["mechanisms"]] if settings["mechanisms"] else []
+    words += _format_model_options(settings)
     words += ["--loss", settings["loss"], "--starts", str(settings["starts"])]
     return shlex.join([*words, "--folds", str(settings["folds"])])

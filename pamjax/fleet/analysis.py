@@ -18,6 +18,7 @@ from pamjax.fleet.pooling import MIN_SPECIMENS, PooledParameter, pool_estimates
 from pamjax.fleet.regression import Slope, fit_slope
 from pamjax.fleet.specimens import SpecimenEstimates, combine_recordings, index_specimens
 from pamjax.fleet.unexplained import UnexplainedSummary, summarise_unexplained
+from pamjax.fleet.validation import ValidationSummary, summarise_validation
 from pamjax.model.parameters import LENGTH_ERROR_PREFIX
 
 #: Largest p-value of a drift, after a correction for the number of distributions.
@@ -69,6 +70,7 @@ class FleetAnswers:
         mechanisms: frequency of each identified mechanism.
         limits: frequency of each parameter that is at its limit.
         unexplained: what remains unexplained.
+        validation: test of one model on all recordings.
         copies: groups of cases with identical inputs; the first of each counts.
     """
 
@@ -76,6 +78,7 @@ class FleetAnswers:
     mechanisms: tuple[BenchFrequency, ...]
     limits: tuple[BenchFrequency, ...]
     unexplained: UnexplainedSummary
+    validation: ValidationSummary
     copies: tuple[tuple[str, ...], ...] = ()
 
 
@@ -103,16 +106,17 @@ def analyse_fleet(fleet: Fleet) -> FleetAnswers:
         tuple(count_mechanisms(fleet.cases, fleet.mechanisms)),
         tuple(count_limits(fleet.cases, fleet.numbers)),
         summarise_unexplained(fleet.cases, fleet.regions),
+        summarise_validation(fleet.cases),
         copies,
     )
 
 
 def _list_groups(fleet: Fleet) -> list[_ParameterGroup]:
     """Return the parameters with usable estimates of enough specimens, by type and name."""
-    parameters = select_rows(fleet.numbers, fleet.numbers["source"] == "fit")
-    if parameters.empty:
-        # A diagnosis does not state its priors, so that its parameters are used only in a store without fits.
-        parameters = select_rows(fleet.numbers, fleet.numbers["source"] == "diagnose")
+    # A posterior does not state limits, and a diagnosis no priors: they are used in a store without fits.
+    sources = set(fleet.numbers["source"])
+    source = next((name for name in ("fit", "sample", "diagnose") if name in sources), "fit")
+    parameters = select_rows(fleet.numbers, fleet.numbers["source"] == source)
     specimens = index_specimens(fleet.cases)
     positions = {case: k for k, case in enumerate(fleet.cases["case"])}
     parameters = parameters.assign(specimen=[specimens[case] for case in parameters["case"]])

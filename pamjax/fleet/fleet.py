@@ -45,7 +45,8 @@ class Fleet:
         """Return value and sd of the calibrated parameters as an xarray Dataset over case and number.
 
         Args:
-            source: "fit", "diagnose" for the baseline of a diagnosis, or "mechanism".
+            source: "fit"; "sample" for mean and sd of the posterior; "diagnose" for the baseline of a
+                diagnosis; or "mechanism".
 
         Returns:
             `value` and `sd` (case, number) in the unit of the coordinate `unit`; NaN where a case has none.
@@ -74,19 +75,32 @@ class Fleet:
         Raises:
             BadInput: for an unknown case, or one without a fit.
         """
+        import xarray as xr
+
+        return xr.load_dataset(self._find_file(case, "fit", "fit.nc"), engine="h5netcdf")
+
+    def read_posterior(self, case: str) -> xr.DataTree:
+        """Return the posterior of a case for ArviZ, with draws over chain and draw, SI, as in posterior.nc.
+
+        Raises:
+            BadInput: for an unknown case, or one without a posterior.
+        """
+        import xarray as xr
+
+        return xr.load_datatree(self._find_file(case, "sample", "posterior.nc"), engine="h5netcdf")
+
+    def _find_file(self, case: str, stage: str, name: str) -> Path:
+        """Return the path of a result file."""
         names = list(self.cases["case"])
         if case not in names:
             raise BadInput.from_rule(
                 f"unknown case {case!r}", where=str(self.folder), remedy=suggest_word(case, names[:20])
             )
-        file = FleetStore(self.folder).locate_stage(case, "fit") / "fit.nc"
+        file = FleetStore(self.folder).locate_stage(case, stage) / name
         if not file.is_file():
-            raise BadInput.from_rule(
-                f"the case {case!r} has no fit", remedy="Run `pamjax fleet` with the stage fit."
-            )
-        import xarray as xr
-
-        return xr.load_dataset(file, engine="h5netcdf")
+            remedy = f"Run `pamjax fleet` with the stage {stage}."
+            raise BadInput.from_rule(f"the case {case!r} has no file {name}", remedy=remedy)
+        return file
 
 
 def open_fleet(store: str | Path) -> Fleet:

@@ -11,7 +11,15 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pamjax.errors import BadInput
-from pamjax.fleet.schema import STAGES, FitTable, FleetDocument, GroupTable, read_fleet_document
+from pamjax.fleet.schema import (
+    STAGES,
+    FitTable,
+    FleetDocument,
+    GroupTable,
+    SampleTable,
+    ValidateTable,
+    read_fleet_document,
+)
 from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
 from pamjax.records.files import read_bytes
 from pamjax.records.reading.specimen import Specimen, read_date, read_label
@@ -39,6 +47,21 @@ class FleetCase:
 
 
 @dataclass(frozen=True)
+class ReferenceModel:
+    """Model that the stage validate tests on every case.
+
+    Attributes:
+        file: absolute path of a model.json or fit.json.
+        case: name of the case, if the file has several.
+        checksum: SHA-256 of the file.
+    """
+
+    file: Path
+    case: str | None
+    checksum: str
+
+
+@dataclass(frozen=True)
 class FleetPlan:
     """Cases of a fleet and the settings of their tasks.
 
@@ -47,7 +70,8 @@ class FleetPlan:
         folder: absolute path of the folder that contains all cases.
         cases: in the order of their names.
         stages: commands to run for each case, in order.
-        seed, figures, report, fit: settings, as in FLEET.toml.
+        seed, figures, report, fit, sample: settings, as in FLEET.toml.
+        model: the model that the stage validate tests; None without this stage.
     """
 
     name: str
@@ -58,6 +82,8 @@ class FleetPlan:
     figures: bool = True
     report: bool = True
     fit: FitTable = field(default_factory=FitTable)
+    sample: SampleTable = field(default_factory=SampleTable)
+    model: ReferenceModel | None = None
 
 
 def read_plan(
@@ -67,17 +93,19 @@ def read_plan(
     seed: int | None = None,
     figures: bool | None = None,
     report: bool | None = None,
+    model: Path | None = None,
 ) -> FleetPlan:
     """Return the plan of a FLEET.toml, of a folder of cases, or of case folders and patterns.
 
     Args:
         sources: one FLEET.toml, or folders and patterns.
-        stages, seed, figures, report: settings that replace those of the file; None keeps a setting.
+        stages, seed, figures, report, model: settings that replace those of the file; None keeps a setting.
 
     Raises:
-        BadInput: for a wrong file, a path that does not exist, or no case folder.
+        BadInput: for a wrong file, a path that does not exist, no case folder, or a stage validate without
+            a model.
     """
-    stated = {"stages": stages, "seed": seed, "figures": figures, "report": report}
+    stated = {"stages": stages, "seed": seed, "figures": figures, "report": report, "model": model}
     changes = {name: value for name, value in stated.items() if value is not None}
     if len(sources) == 1 and sources[0].suffix == ".toml" and not sources[0].is_dir():
         file = sources[0]
@@ -86,33 +114,57 @@ def read_plan(
         if not folder.is_dir():
             raise BadInput.from_rule("`folder` must be a folder", f"{folder}", file.name, "Check the path.")
         case_folders = _find_by_patterns(folder, document.cases, file.name)
-        return _build_plan(document.name or file.stem, folder, case_folders, document, file.name, changes)
+        named = document if document.name else document.model_copy(update={"name": file.stem})
+        return _build_plan(named, folder, case_folders, file, changes)
     folder, case_folders = _find_by_paths(sources)
-    return _build_plan(folder.name, folder, case_folders, FleetDocument(), "", changes)
+    return _build_plan(FleetDocument(name=folder.name), folder, case_folders, None, changes)
 
 
 def _build_plan(
-    name: str,
+    document: FleetDocument,
     folder: Path,
     case_folders: Iterable[Path],
-    document: FleetDocument,
-    file: str,
+    file: Path | None,
     changes: dict[str, Any],
 ) -> FleetPlan:
-    origins = _assign_groups(folder, document.groups, file)
+    """Return the plan of a document.
+
+    Args:
+        document: entries of FLEET.toml, or the defaults with a name.
+        folder: folder of the cases.
+        case_folders: the case folders.
+        file: path of FLEET.toml; None without one.
+        changes: settings that replace those of the document.
+    """
+    place, file_name = (file.parent, file.name) if file else (Path(), "")
+    origins = _assign_groups(folder, document.groups, file_name)
     case_folders = sorted(set(case_folders))
     _check_apart(case_folders)
     cases = [_build_case(case_folder, folder, origins) for case_folder in case_folders]
     wanted = changes.get("stages") or document.stages
     settings = {key: changes.get(key, getattr(document, key)) for key in ("seed", "figures", "report")}
+    stated = document.validate_
+    if "model" in changes:
+        stated = ValidateTable(model=os.path.abspath(changes["model"]))
     return FleetPlan(
-        name=name,
+        name=document.name,
         folder=folder,
         cases=tuple(sorted(cases, key=lambda case: case.name)),
         stages=tuple(stage for stage in STAGES if stage in wanted),
         fit=document.fit,
+        sample=document.sample,
+        model=_find_model(stated, place, file_name) if "validate" in wanted else None,
         **settings,
     )
+
+
+def _find_model(stated: ValidateTable | None, place: Path, file: str) -> ReferenceModel:
+    """Return the model of the stage validate, from a path relative to FLEET.toml."""
+    if stated is None:
+        remedy = "State `model` in [validate] of FLEET.toml, or name it with `--model`."
+        raise BadInput.from_rule("the stage validate needs a model.json or fit.json", "", file, remedy)
+    path = Path(os.path.abspath(place / stated.model))
+    return ReferenceModel(path, stated.case, hashlib.sha256(read_bytes(path)).hexdigest())
 
 
 def _check_apart(case_folders: Sequence[Path]) -> None:

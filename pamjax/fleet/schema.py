@@ -12,9 +12,11 @@ from pamjax.records.reading.specimen import Specimen, read_date, read_label
 from pamjax.records.reading.toml_errors import format_input, format_rule
 from pamjax.records.toml_text import parse_toml
 
-Stage = Literal["check", "fit", "diagnose"]
+Stage = Literal["check", "fit", "sample", "diagnose", "validate"]
 #: Stages in the order in which a case runs through them.
-STAGES: tuple[Stage, ...] = ("check", "fit", "diagnose")
+STAGES: tuple[Stage, ...] = ("check", "fit", "sample", "diagnose", "validate")
+#: Stages of a fleet that states none.
+DEFAULT_STAGES: tuple[Stage, ...] = ("check", "fit", "diagnose")
 
 Label = Annotated[str, BeforeValidator(read_label)]
 Date = Annotated[datetime.date, BeforeValidator(read_date)]
@@ -63,6 +65,27 @@ class FitTable(_FleetTable):
     folds: Annotated[int, Field(ge=2)] = 5
 
 
+class SampleTable(_FleetTable):
+    """[sample]: options of `pamjax sample` for every case; law and mechanisms are those of [fit]."""
+
+    sampler: Literal["emcee", "nuts"] = "emcee"
+    ess: Annotated[float, Field(gt=0)] = 1000.0
+    rhat: Annotated[float, Field(gt=1)] = 1.01
+    max_draws: Annotated[int, Field(ge=1)] = 20_000
+
+
+class ValidateTable(_FleetTable):
+    """[validate]: the model that is tested on every case.
+
+    Attributes:
+        model: path of a model.json or fit.json, relative to FLEET.toml.
+        case: name of the case, if the file has several.
+    """
+
+    model: str
+    case: str | None = None
+
+
 class FleetDocument(_FleetTable):
     """The whole file.
 
@@ -71,22 +94,31 @@ class FleetDocument(_FleetTable):
         folder: folder of the cases, relative to the file.
         cases: patterns of case folders, relative to `folder`; "**" means every folder below.
         stages: commands to run for each case.
-        seed: random seed of fit and diagnose.
+        seed: random seed of fit, sample and diagnose.
         figures, report: write the figures and report.html of each case.
+        groups, fit, sample: tables of the file.
+        validate_: the table [validate]; pydantic reserves the name without underscore.
     """
 
     name: str = ""
     folder: str = "."
     cases: Patterns = ["**"]
-    stages: Annotated[list[Stage], Field(min_length=1)] = list(STAGES)
+    stages: Annotated[list[Stage], Field(min_length=1)] = list(DEFAULT_STAGES)
     seed: Annotated[int, Field(ge=0)] = 0
     figures: bool = True
     report: bool = True
     groups: list[GroupTable] = Field(default_factory=list)
     fit: FitTable = Field(default_factory=FitTable)
+    sample: SampleTable = Field(default_factory=SampleTable)
+    validate_: ValidateTable | None = Field(default=None, alias="validate")
 
 
-_TABLES: dict[str, type[_FleetTable]] = {"groups": GroupTable, "fit": FitTable}
+_TABLES: dict[str, type[_FleetTable]] = {
+    "groups": GroupTable,
+    "fit": FitTable,
+    "sample": SampleTable,
+    "validate": ValidateTable,
+}
 
 
 def read_fleet_document(raw: bytes, file: str) -> FleetDocument:
@@ -113,6 +145,7 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
     if isinstance(own_error, BadInput):
         return BadInput.from_rule(f"`{name}` {own_error}".rstrip("."), format_input(first), where)
     if first["type"] == "extra_forbidden":
-        known = (_TABLES[path[0]] if len(path) > 1 else FleetDocument).model_fields
+        table = _TABLES[path[0]] if len(path) > 1 else FleetDocument
+        known = [entry.alias or field for field, entry in table.model_fields.items()]
         return BadInput.from_rule(f"unknown entry `{name}`", where=where, remedy=suggest_word(name, known))
     return BadInput.from_rule(format_rule(first, name), format_input(first), where)

@@ -1,7 +1,7 @@
 """The store of a fleet: a folder with the results of each case.
 
     fleet.json                  cases, settings and versions of the last run
-    cases/NAME/STAGE/           files of `pamjax check`, `fit` or `diagnose`
+    cases/NAME/STAGE/           files of `pamjax check`, `fit`, `sample`, `diagnose` or `validate`
     cases/NAME/STAGE/task.json  name and outcome of the task
     cases/NAME/STAGE/time.json  computing time; the only file that differs between equal runs
     tables/                     the same results as Parquet tables
@@ -96,7 +96,7 @@ class FleetStore:
                 "seed": plan.seed,
                 "figures": plan.figures,
                 "report": plan.report,
-                "fit": plan.fit.model_dump(),
+                **_serialise_tables(plan),
             },
             "versions": collect_task_versions(),
             "cases": [_serialise_case(self, plan, case) for case in plan.cases],
@@ -208,6 +208,16 @@ def store_set_aside(task: FleetTask, reason: str, seconds: float = 0.0) -> TaskO
     with open_stage_folder(task) as folder:
         write_outcome(folder, task, outcome)
     return outcome
+
+
+def _serialise_tables(plan: FleetPlan) -> dict[str, Any]:
+    """Return the options of the stages that run."""
+    tables: dict[str, Any] = {"fit": plan.fit.model_dump()}
+    if "sample" in plan.stages:
+        tables["sample"] = plan.sample.model_dump()
+    if plan.model is not None:
+        tables["validate"] = {"case": plan.model.case, "checksum": plan.model.checksum}
+    return tables
 
 
 def _serialise_case(store: FleetStore, plan: FleetPlan, case: FleetCase) -> dict[str, Any]:

@@ -35,7 +35,7 @@ def format_sd(sd: float, unit: str) -> str:
 
 
 def list_findings(answers: FleetAnswers) -> list[str]:
-    """Return the findings of a fleet: differing benches, outliers, drift, unexplained misfit."""
+    """Return the findings: differing benches, outliers, drift, unexplained misfit, failed validations."""
     findings = [
         *(line for f in answers.mechanisms for line in _format_bench_frequency(f, "identified")),
         *(line for f in answers.limits for line in _format_bench_frequency(f, "at its limit")),
@@ -43,6 +43,7 @@ def list_findings(answers: FleetAnswers) -> list[str]:
         *(line for distribution in answers.distributions for line in format_outliers(distribution)),
         *(line for distribution in answers.distributions for line in _format_drift(distribution)),
         *_format_unexplained(answers),
+        *_format_validation(answers),
     ]
     findings = findings or [_format_quiet_result(answers)]
     return [*findings, *map(_format_copies, answers.copies)]
@@ -135,6 +136,19 @@ def _format_unexplained(answers: FleetAnswers) -> Iterator[str]:
             f"{region.cases} of them have it in {region.channel} ({region.direction}) between"
             f" {region.pressure[0]:.0f} and {region.pressure[1]:.0f} kPa,"
             f" {region.contraction[0]:.0%} to {region.contraction[1]:.0%} contracted."
+        )
+
+
+def _format_validation(answers: FleetAnswers) -> Iterator[str]:
+    """Yield a sentence about the recordings that the tested model does not predict."""
+    missed, total = answers.validation.missed, answers.validation.total
+    if missed:
+        names = join_words(missed[:_MAX_NAMED_SPECIMENS])
+        rest = len(missed) - _MAX_NAMED_SPECIMENS
+        tail = f" and {rest} more" if rest > 0 else ""
+        yield (
+            f"The tested model has errors above the noise in {len(missed)} of"
+            f" {format_count(total, 'recording')}: {names}{tail}."
         )
 
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from pamjax.fleet.stage_rows import STAGE_ROWS
 from pamjax.fleet.store import (
     DONE,
     OPEN,
@@ -41,8 +41,10 @@ _TABLE_COLUMNS: dict[str, dict[str, str]] = {
         "diameter_noise_mm": "float", "diameter_held_out_mm": "float", "length_rmse_mm": "float",
         "length_noise_mm": "float", "length_held_out_mm": "float", "baseline_law": "string",
         "misfit_p_value": "float", "misfit_detected": "bool", "mechanisms": "int", "unexplained": "bool",
-        "unexplained_share": "float", "unexplained_like": "string", "check_task": "string",
-        "fit_task": "string", "diagnose_task": "string",
+        "unexplained_share": "float", "unexplained_like": "string", "sample_converged": "bool",
+        "validation_blocks": "int", "validation_blocks_within_noise": "int", "force_validation_N": "float",
+        "diameter_validation_mm": "float", "check_task": "string", "fit_task": "string",
+        "sample_task": "string", "diagnose_task": "string", "validate_task": "string",
     },
     "numbers": {
         "case": "string", "source": "string", "name": "string", "value": "float", "sd": "float",
@@ -206,11 +208,9 @@ def _collect_case(
         "report": _find_report(store, name, done),
         **{f"{stage}_task": key for stage, key in entry["tasks"].items() if stage in done},
     }
-    if "fit" in done:
-        row |= _read_fit(name, read_json(store.locate_stage(name, "fit") / "fit.json"), rows)
-    if "diagnose" in done:
-        file = store.locate_stage(name, "diagnose") / "diagnosis.json"
-        row |= _read_diagnosis(name, read_json(file), rows)
+    for stage, (file, collect_rows) in STAGE_ROWS.items():
+        if stage in done:
+            row |= collect_rows(name, read_json(store.locate_stage(name, stage) / file), rows)
     rows["cases"].append(row)
 
 
@@ -221,88 +221,3 @@ def _find_report(store: FleetStore, case: str, stages: list[str]) -> str | None:
         if path.is_file():
             return path.relative_to(store.folder).as_posix()
     return None
-
-
-def _read_fit(case: str, document: dict[str, Any], rows: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
-    """Append the parameters of a fit, and return its entries in the row of the case."""
-    rows["numbers"] += [
-        {
-            "case": case,
-            "source": "fit",
-            "name": name,
-            "value": parameter["value"],
-            "sd": parameter["sd"],
-            "unit": parameter["unit"],
-            "prior": parameter["prior"]["value"],
-            "prior_sd": parameter["prior"]["sd"],
-            "at_limit": parameter["at_limit"],
-        }
-        for name, parameter in document["parameters"].items()
-    ]
-    (case_entry,) = document["cases"].values()
-    row = {"law": document["law"], "converged": document["converged"], "rows": case_entry["rows"]}
-    for channel, unit in (("force", "N"), ("diameter", "mm"), ("length", "mm")):
-        for column, key, table in (
-            ("rmse", "value", case_entry["rmse"]),
-            ("noise", "sd", case_entry["noise"]),
-            ("held_out", "value", case_entry["held_out"].get("rmse", {})),
-        ):
-            row[f"{channel}_{column}_{unit}"] = table.get(channel, {}).get(key)
-    return row
-
-
-def _read_diagnosis(
-    case: str, document: dict[str, Any], rows: dict[str, list[dict[str, Any]]]
-) -> dict[str, Any]:
-    """Append mechanisms, their parameters and unexplained regions; return the entries of the case."""
-    for mechanism in document["missing_physics"]:
-        rows["mechanisms"].append(
-            {
-                "case": case,
-                "id": mechanism["id"],
-                "name": mechanism["name"],
-                "probability": mechanism["probability"],
-                "form_error": mechanism.get("form_error"),
-                "indistinguishable_from": ", ".join(mechanism["indistinguishable_from"]) or None,
-            }
-        )
-        rows["numbers"] += list(_list_mechanism_parameters(case, mechanism))
-    rows["numbers"] += [
-        _build_parameter_row(case, "diagnose", name, parameter)
-        for name, parameter in document["baseline"]["parameters"].items()
-    ]
-    unexplained = document["unexplained"]
-    rows["regions"] += [_build_region(case, box) for box in unexplained["where"]]
-    likeness = unexplained.get("likeness") or [{}]
-    return {
-        "baseline_law": document["baseline"]["model"],
-        "misfit_p_value": document["mismatch"]["p_value"],
-        "misfit_detected": document["mismatch"]["detected"],
-        "mechanisms": len(document["missing_physics"]),
-        "unexplained": unexplained["detected"],
-        "unexplained_share": unexplained["share"],
-        "unexplained_like": likeness[0].get("id"),
-    }
-
-
-def _list_mechanism_parameters(case: str, mechanism: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    for name, parameter in mechanism["parameters"].items():
-        yield _build_parameter_row(case, "mechanism", f"{mechanism['id']}.{name}", parameter)
-
-
-def _build_parameter_row(case: str, source: str, name: str, parameter: dict[str, Any]) -> dict[str, Any]:
-    return {"case": case, "source": source, "name": name} | {k: parameter[k] for k in ("value", "sd", "unit")}
-
-
-def _build_region(case: str, box: dict[str, Any]) -> dict[str, Any]:
-    (pressure_low, pressure_high), (low, high) = box["pressure_kPa"], box["contraction"]
-    return {
-        "case": case,
-        "channel": box["channel"],
-        "direction": box["direction"],
-        "pressure_low_kPa": pressure_low,
-        "pressure_high_kPa": pressure_high,
-        "contraction_low": low,
-        "contraction_high": high,
-        "share": box["share"],
-    }

@@ -30,6 +30,7 @@ class FleetTask:
         stage: command to run.
         checksum: SHA-256 of the inputs.
         settings: settings of the stage.
+        model: file of the model that the stage validate tests.
     """
 
     key: str
@@ -39,6 +40,7 @@ class FleetTask:
     stage: str
     checksum: str
     settings: dict[str, Any]
+    model: Path | None = None
 
 
 def build_task(plan: FleetPlan, case: FleetCase, stage: str, target: Path) -> FleetTask:
@@ -59,7 +61,8 @@ def build_task(plan: FleetPlan, case: FleetCase, stage: str, target: Path) -> Fl
         "versions": collect_task_versions(),
     }
     key = hashlib.sha256(json.dumps(name, sort_keys=True).encode()).hexdigest()
-    return FleetTask(key, case.name, case.folder, target, stage, case.checksum, settings)
+    model = plan.model.file if plan.model and stage == "validate" else None
+    return FleetTask(key, case.name, case.folder, target, stage, case.checksum, settings, model)
 
 
 def _list_settings(plan: FleetPlan, stage: str) -> dict[str, Any]:
@@ -67,8 +70,16 @@ def _list_settings(plan: FleetPlan, stage: str) -> dict[str, Any]:
     fit = plan.fit.model_dump()
     if stage == "check":
         return {"law": fit["law"]}
+    if stage == "validate":
+        assert plan.model is not None
+        return {"checksum": plan.model.checksum, "case": plan.model.case}
     files = {"seed": plan.seed, "report": plan.report}
-    return files | fit | {"figures": plan.figures} if stage == "fit" else files
+    if stage == "diagnose":
+        return files
+    files["figures"] = plan.figures
+    if stage == "sample":
+        return files | {name: fit[name] for name in ("law", "mechanisms")} | plan.sample.model_dump()
+    return files | fit
 
 
 @cache
@@ -84,4 +95,4 @@ def collect_task_versions() -> dict[str, str]:
 def describe_task(task: FleetTask) -> dict[str, Any]:
     """Return the task as a JSON document, without the paths of this machine."""
     entries = asdict(task) | {"versions": collect_task_versions()}
-    return {name: value for name, value in entries.items() if name not in ("folder", "target")}
+    return {name: value for name, value in entries.items() if name not in ("folder", "target", "model")}

@@ -5,7 +5,8 @@ import dataclasses
 import pytest
 
 from pamjax.baselines.comparison import ComparisonSplit
-from pamjax.cluster.case_steps import run_diagnose
+from pamjax.cluster.case_steps import run_diagnose, run_validate
+from pamjax.errors import BadInput
 from tests.view.made_up import diagnosis
 
 
@@ -25,3 +26,11 @@ def test_isotonic_test_has_a_diagnosis_without_comparison(tmp_path, monkeypatch,
     monkeypatch.setattr(f"{comparison}._evaluate_split", lambda *_: split)
     run_diagnose(case, tmp_path, {"seed": 0, "report": False})
     assert (tmp_path / "gain.json").exists() != is_isotonic
+
+
+def test_validation_of_a_changed_model_is_refused(tmp_path):
+    model = tmp_path / "model.json"
+    model.write_text("{}")
+    with pytest.raises(BadInput, match=r"model\.json changed after the run began"):
+        run_validate(diagnosis().problem.case, tmp_path, {"checksum": "0", "case": None}, model)
+    assert not (tmp_path / "validation.json").exists()

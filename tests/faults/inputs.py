@@ -169,6 +169,16 @@ loss = "square"
 starts = 2
 folds = 3
 
+[sample]
+sampler = "emcee"
+ess = 200
+rhat = 1.02
+max_draws = 5000
+
+[validate]
+model = "model.json"
+case = "north/a"
+
 [[groups]]
 cases = "north/*"
 bench = "north"

@@ -8,7 +8,7 @@ from pamjax.cli.main import main
 from pamjax.errors import BadInput
 from pamjax.fleet.plan import read_plan
 from pamjax.fleet.store import FleetStore, TaskOutcome, open_stage_folder, read_outcome, write_outcome
-from pamjax.fleet.task import build_task
+from pamjax.fleet.task import build_task, describe_task
 
 
 @pytest.fixture
@@ -88,7 +88,10 @@ def test_task_is_named_by_inputs_and_settings(bench):
     ("text", "message"),
     [
         ("stage = 1", "unknown entry `stage` (FLEET.toml). Did you mean `stages`?"),
-        ('stages = ["fti"]', '`stages` must be "check", "fit" or "diagnose"; got \'fti\' in FLEET.toml.'),
+        (
+            'stages = ["fti"]',
+            '`stages` must be "check", "fit", "sample", "diagnose" or "validate"; got \'fti\' in FLEET.toml.',
+        ),
         ("stages = []", "`stages` must not be empty"),
         ("seed = -1", "`seed` must be at least 0; got -1 in FLEET.toml."),
         ("cases = 3", "`cases` must be a list in brackets; got 3 in FLEET.toml."),
@@ -100,6 +103,11 @@ def test_task_is_named_by_inputs_and_settings(bench):
         ('[[groups]]\nbench = "n"', "`cases` must be stated ([groups] of FLEET.toml)."),
         ('[[groups]]\ncases = "*/a"\nbench = 1.5', "`bench` must be a text in quotes or a whole number"),
         ('[[groups]]\ncases = "*/a"\ndate = "soon"', "`date` must be a day such as 2026-03-02; got 'soon'"),
+        ('stages = ["validate"]', "the stage validate needs a model.json or fit.json (FLEET.toml)."),
+        ('stages = ["validate"]\n[validate]\nmodel = "no.json"', "no.json"),
+        ('[validate]\ncase = "a"', "`model` must be stated ([validate] of FLEET.toml)."),
+        ("[sample]\nrhat = 1", "`rhat` must be more than 1; got 1 in [sample] of FLEET.toml."),
+        ("[validat]", "Did you mean `validate`?"),
         ("[fit]\nfolds = 1", "`folds` must be at least 2; got 1 in [fit] of FLEET.toml."),
         ("[fit", "FLEET.toml must be TOML"),
     ],
@@ -109,6 +117,31 @@ def test_refused_files(bench, text, message):
         read_plan([write_fleet(bench, text)])
     assert message in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_model_of_the_stage_validate_is_part_of_its_name(bench):
+    (bench / "model.json").write_text("{}")
+    text = 'stages = ["check", "validate"]\n[validate]\nmodel = "model.json"'
+
+    def name_tasks():
+        plan = read_plan([write_fleet(bench, text)])
+        return [build_task(plan, plan.cases[0], stage, bench) for stage in plan.stages]
+
+    check, validate = name_tasks()
+    assert (check.model, validate.model) == (None, bench / "model.json")
+    assert "model" not in describe_task(validate)
+    (bench / "model.json").write_text("{ }")
+    assert name_tasks()[0].key == check.key
+    assert name_tasks()[1].key != validate.key
+
+
+def test_model_of_the_command_line_replaces_that_of_the_file(bench):
+    for name in ("model.json", "other.json"):
+        (bench / name).write_text("{}")
+    file = write_fleet(bench, '[validate]\nmodel = "model.json"')
+    plan = read_plan([file], stages=["validate"], model=bench / "other.json")
+    assert plan.model is not None
+    assert plan.model.file == bench / "other.json"
 
 
 def test_nested_cases_and_missing_paths_are_refused(bench):

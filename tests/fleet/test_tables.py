@@ -1,5 +1,6 @@
 """Tables of a store: rows, missing values, stale files, and the frames of `open_fleet`."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -12,8 +13,13 @@ from tests.fleet.made_store import write_made_store
 
 pytest.importorskip("pyarrow", reason="needs the extra pamjax[fleet]")
 
-from pamjax.fleet.store import read_outcome
+from pamjax.fleet.analysis import analyse_fleet
+from pamjax.fleet.plan import FleetCase, FleetPlan, ReferenceModel
+from pamjax.fleet.store import FleetStore, TaskOutcome, open_stage_folder, read_outcome, write_outcome
+from pamjax.fleet.summary import list_findings
 from pamjax.fleet.tables import build_tables, read_tables, write_tables
+from pamjax.fleet.validation import ValidationSummary
+from pamjax.records.reading.specimen import Specimen
 
 
 @pytest.fixture
@@ -137,7 +143,7 @@ def test_refused_stores(tmp_path, text, message):
 def test_unknown_case_is_refused(store):
     with pytest.raises(BadInput, match=r"unknown case 'case-1'.*Did you mean `case-01`"):
         pamjax.open_fleet(store).read_rows("case-1")
-    with pytest.raises(BadInput, match="the case 'case-01' has no fit"):
+    with pytest.raises(BadInput, match=r"the case 'case-01' has no file fit\.nc"):
         pamjax.open_fleet(store).read_rows("case-01")
 
 
@@ -147,3 +153,42 @@ def test_values_that_are_not_finite_stay_missing(store):
     document["parameters"]["thread.modulus"]["sd"] = None
     file.write_text(json.dumps(document))
     assert np.isnan(pamjax.open_fleet(store).numbers["sd"][0])
+
+
+VALIDATION = {"rmse": {"force": 4.2}, "blocks": [{"fits": True}, {"fits": False}]}
+POSTERIOR = {
+    "converged": True,
+    "parameters": {
+        "thread.modulus": {
+            "mean": 81.0, "sd": 0.6, "unit": "GPa", "prior": {"low": 0.0, "value": 100.0, "sd": 9.0},
+        }
+    },
+}  # fmt: skip
+
+
+def test_posteriors_and_validations_have_rows(tmp_path):
+    plan = FleetPlan("made", tmp_path, (), ("sample", "validate"))
+    model = ReferenceModel(tmp_path / "model.json", None, "0")
+    cases = tuple(FleetCase(name, tmp_path / name, Specimen(), name) for name in "ab")
+    plan, store = dataclasses.replace(plan, cases=cases, model=model), FleetStore(tmp_path / "store")
+    store.prepare()
+    store.write_plan(plan)
+    for case in cases:
+        for task in store.list_tasks(plan, case):
+            with open_stage_folder(task) as folder:
+                (folder / "posterior.json").write_text(json.dumps(POSTERIOR))
+                blocks = VALIDATION["blocks"][: 1 if case.name == "a" else 2]
+                (folder / "validation.json").write_text(json.dumps(VALIDATION | {"blocks": blocks}))
+                write_outcome(folder, task, TaskOutcome(task.key, "done"))
+    fleet = pamjax.open_fleet(store.folder)
+    assert fleet.cases["sample_converged"].tolist() == [True, True]
+    assert fleet.cases["validation_blocks"].tolist() == [1, 2]
+    assert fleet.cases["validation_blocks_within_noise"].tolist() == [1, 1]
+    assert fleet.cases["force_validation_N"].tolist() == [4.2, 4.2]
+    assert float(fleet.to_xarray("sample")["value"][0, 0]) == 81.0
+    answers = analyse_fleet(fleet)
+    assert answers.validation == ValidationSummary(("b",), 2)
+    sentence = "The tested model has errors above the noise in 1 of 2 recordings: b."
+    assert list_findings(answers)[0] == sentence
+    with pytest.raises(BadInput, match=r"no file posterior\.nc\. Run `pamjax fleet` with the stage sample"):
+        fleet.read_posterior("a")

@@ -31,7 +31,7 @@ _MAX_LISTED_CASES = 10
 fleet = App(name="fleet", help_format="plaintext", help_formatter=ParagraphFormatter())
 
 Stages = Annotated[
-    list[Literal["check", "fit", "diagnose"]] | None,
+    list[Literal["check", "fit", "sample", "diagnose", "validate"]] | None,
     Parameter(name="--stage", consume_multiple=True, negative=""),
 ]
 
@@ -51,6 +51,7 @@ def run(
     seed: int | None = None,
     figures: bool | None = None,
     report: bool | None = None,
+    model: Path | None = None,
 ) -> None:
     """Check, fit and diagnose many recordings in parallel, and collect the results in a store.
 
@@ -61,15 +62,17 @@ def run(
     Args:
         sources: a FLEET.toml, a folder of case folders, or case folders and patterns.
         out: folder of the store.
-        stage: commands to run for each case: check, fit, diagnose; by default all.
+        stage: commands to run for each case: check, fit, sample, diagnose, validate; by default check, fit
+            and diagnose.
         workers: number of worker processes on this machine; by default the number of cores.
         memory: memory limit of a worker, as "4 GB"; by default an equal share of the machine.
         scheduler: address of a Dask scheduler to use instead, as tcp://host:8786.
         timeout: time limit of one task in seconds; a task that exceeds it is set aside.
         retry: also repeat the tasks that were set aside.
-        seed: random seed of fit and diagnose; by default that of FLEET.toml, or 0.
-        figures: write the figures of each fit.
-        report: write report.html for each fit and diagnosis.
+        seed: random seed of fit, sample and diagnose; by default that of FLEET.toml, or 0.
+        figures: write the figures of each fit and posterior.
+        report: write report.html for each fit, posterior and diagnosis.
+        model: model.json or fit.json that the stage validate tests; by default that of FLEET.toml.
     """
     from pamjax.cluster.connect import check_packages, connect_to_scheduler, start_cluster
     from pamjax.fleet.plan import read_plan
@@ -78,7 +81,7 @@ def run(
     check_packages()
     _check_options(workers, memory, scheduler, timeout, seed)
     check_writable(out)
-    plan = read_plan(sources, stages=stage, seed=seed, figures=figures, report=report)
+    plan = read_plan(sources, stages=stage, seed=seed, figures=figures, report=report, model=model)
     store = FleetStore(out)
     store.prepare()
     from pamjax.cli.fleet_progress import show_fleet_progress

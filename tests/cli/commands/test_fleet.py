@@ -7,7 +7,9 @@ import time
 
 import pytest
 
+import pamjax
 from pamjax.cli.main import main
+from pamjax.fleet.store import read_json
 from tests.fleet.made_store import write_made_store
 
 pytest.importorskip("distributed", reason="needs the extra pamjax[fleet]")
@@ -16,14 +18,22 @@ PROGRAM = "import sys; from pamjax.cli.main import run; run()"
 OPTIONS = ("--stage", "check", "fit", "--no-figures", "--no-report")
 
 
+def change_last_force(file, newtons):
+    """Add a force to the last row of a recording, so that recordings differ."""
+    head, last = file.read_text().rstrip().rsplit("\n", 1)
+    names = next(line for line in head.splitlines() if not line.startswith("#")).split(",")
+    cells, place = last.split(","), names.index("force [N]")
+    cells[place] = str(float(cells[place]) + newtons)
+    file.write_text(f"{head}\n{','.join(cells)}\n")
+
+
 @pytest.fixture(scope="module")
 def cases(tmp_path_factory):
     """Return a folder with five cases; the one named c is refused."""
     folder = tmp_path_factory.mktemp("fleet")
     for k, name in enumerate("abcde"):
         assert main(["new", str(folder / name)]) == 0
-        file = folder / name / "recording.csv"
-        file.write_text(file.read_text().replace("819.6", f"{815 + 2 * k}.6"))
+        change_last_force(folder / name / "recording.csv", k)
     (folder / "c" / "recording.csv").write_text("time [s],pressure [kPa]\n")
     return folder
 
@@ -80,6 +90,25 @@ def test_killed_run_continues_to_the_same_store(cases, undisturbed, tmp_path):
     assert first.keys() == second.keys()
     assert [name for name in first if first[name] != second[name]] == []
     assert not [path for path in store.glob("cases/*/.*") if path.is_dir()]
+
+
+@pytest.mark.slow
+def test_posterior_and_validation_of_each_case(undisturbed, cases, tmp_path):
+    model = undisturbed / "cases" / "a" / "fit" / "fit.json"
+    words = ["--stage", "sample", "validate", "--model", str(model), "--workers", "1"]
+    (tmp_path / "FLEET.toml").write_text(f'folder = "{cases}"\ncases = ["a", "b"]\n[sample]\ness = 50\n')
+    store = tmp_path / "store"
+    words += ["--out", str(store), "--no-figures", "--no-report"]
+    assert main(["fleet", str(tmp_path / "FLEET.toml"), *words]) == 0
+    fleet = pamjax.open_fleet(store)
+    assert fleet.cases["sample_converged"].tolist() == [True, True]
+    assert (fleet.cases["validation_blocks"] > 0).all()
+    posterior = fleet.read_posterior("a")
+    draws = float(posterior["posterior/thread.modulus"].mean()) / 1e9
+    row = fleet.numbers.query("case == 'a' and name == 'thread.modulus'")
+    assert draws == pytest.approx(float(row["value"].iloc[0]))
+    seen = [read_json(store / "cases" / case / "validate" / "validation.json")["seen"] for case in "ab"]
+    assert seen == [True, False]
 
 
 @pytest.mark.slow
