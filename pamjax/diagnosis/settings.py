@@ -230,6 +230,9 @@ class DiagnosisSettings:
     rough_chi2_margin: float = _select(36.0, "BIC", 0.0, 1e6,
         "Refit a rival to the minimum if its rough refit increases the BIC by less than this",
         "slower; more rivals are refitted")
+    unknown_rival_weight: float = _select(0.1, "weight", 0.0, 10.0,
+        "Count physics outside the library as one more rival of each mechanism, with this weight",
+        "probabilities are smaller")
     established_probability: float = _select(0.5, "1", 0.0, 1.0,
         "Name a mechanism if its probability is at least this",
         "fewer mechanisms are reported")

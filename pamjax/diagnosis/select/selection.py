@@ -241,15 +241,31 @@ def _assess_mechanism(problem, fit: ModelFit, k: int, candidates) -> NamedMechan
         if increase < problem.settings.tie_chi2 + problem.settings.tie_excess_share * fit.excess_chi2
     ]
     tied_weight = sum(weights[id] for id in indistinguishable)
+    probability = compute_probability(
+        sum(weights.values()), tied_weight, problem.settings.unknown_rival_weight
+    )
     indistinguishable_fits = tuple(
         RivalFit(weights[id] / (1 + tied_weight), fit_by_id[id].mechanisms[-1], fit_by_id[id].estimate.values)
         for id in indistinguishable
     )
-    probability = float((1 + tied_weight) / (1 + sum(weights.values())))
     return NamedMechanism(
         candidate.id, probability, tuple(indistinguishable), float(chi2_increase), bic_increase,
         indistinguishable_fits=indistinguishable_fits,
     )  # fmt: skip
+
+
+def compute_probability(rival_weight: float, tied_weight: float, unknown_weight: float) -> float:
+    """Return the probability that a mechanism, or one indistinguishable from it, is present.
+
+    Args:
+        rival_weight: sum of the weights of all rivals, relative to the mechanism.
+        tied_weight: sum of the weights of the indistinguishable ones.
+        unknown_weight: weight of physics outside the library, relative to the mechanism or one of these.
+
+    >>> round(compute_probability(1.25, 1.0, 0.0), 3), round(compute_probability(0.0, 0.0, 0.1), 3)
+    (0.889, 0.909)
+    """
+    return float(1 / ((1 + rival_weight) / (1 + tied_weight) + unknown_weight))
 
 
 def format_masked_mechanisms(selection: Selection, settings: DiagnosisSettings) -> list[str]:
