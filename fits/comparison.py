@@ -30,7 +30,8 @@ from pamjax.infer.fitting.cross_validation import exclude_rows
 from pamjax.infer.fitting.fit import fit
 from pamjax.infer.fitting.least_squares import solve_least_squares
 from pamjax.infer.fitting.result import Fit
-from pamjax.infer.problem.dataset import MAX_SLACK_FORCE_SHARE, predict_rows
+from pamjax.infer.problem.dataset import predict_row_channels
+from pamjax.infer.problem.informative_samples import MAX_SLACK_FORCE_SHARE
 from pamjax.records.case import Case
 from pamjax.records.levels import assign_levels, find_levels
 
@@ -187,7 +188,7 @@ def _build_braid(fitted: Fit) -> Model:
     def model(rows: np.ndarray) -> tuple[np.ndarray, str]:
         training_data = exclude_rows(dataset, ~rows)
         solution = solve_least_squares((training_data,), fitted.limited_space, fitted.solution.u, fitted.loss)
-        force = np.asarray(predict_rows(dataset, fitted.space.to_values(solution.u)).force)[: rows.size]
+        force = predict_row_channels(dataset, fitted.space.to_values(solution.u))[0, : rows.size]
         return force, "" if solution.converged else "the braid's fit did not converge"
 
     return model

@@ -30,6 +30,20 @@ SI_UNITS = {
     "count": "1",
 }
 
+#: Factors of the most usual units by SI unit, as pint computes them. Pint takes half a second to load, a
+#: large part of a short command.
+USUAL_UNITS = {
+    "m": {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254},
+    "m^2": {"mm^2": 1e-6},
+    "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "bar": 1e5, "psi": 6894.7572931683635},
+    "N": {"N": 1.0, "kN": 1e3, "MN": 1e6, "lbf": 4.4482216152605005, "kgf": 9.80665},
+    "s": {"s": 1.0, "ms": 0.001, "min": 60.0},
+    "m/s": {"m/s": 1.0, "mm/s": 0.001},
+    "Hz": {"Hz": 1.0},
+    "rad": {"rad": 1.0, "deg": 0.017453292519943295},
+}
+_USUAL_FACTORS = {unit: factor for units in USUAL_UNITS.values() for unit, factor in units.items()}
+
 #: Standard acceleration of gravity, m/s².
 STANDARD_GRAVITY = 9.80665
 
@@ -60,7 +74,7 @@ _QUANTITY_PATTERN = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)
 
 @cache
 def load_unit_registry() -> pint.UnitRegistry:
-    """Return the unit registry, built at the first conversion, which takes a third of a second."""
+    """Return the unit registry, built at the first conversion of an unusual unit: a third of a second."""
     import pint
 
     # Not cached on disk: pint's cache contains paths into the environment that wrote it. Other environments
@@ -97,6 +111,8 @@ def parse_unit(unit: str, kind: str, where: str = "", number: float = 1.0) -> fl
 
 
 def _convert_unit(unit: str, si: str, kind: str, where: str, number: float = 1.0) -> float:
+    if unit in USUAL_UNITS.get(si, ()):
+        return _USUAL_FACTORS[unit]
     import pint
 
     try:
@@ -225,11 +241,11 @@ def _check_magnitude(value: float, text: str | float, where: str) -> float:
 @cache
 def compute_si_factor(unit: str) -> float:
     """Return the SI value of one `unit` of any kind; for output only, because the kind is not checked."""
-    return (
-        1.0
-        if unit in ("", "1")
-        else float(load_unit_registry().Quantity(1.0, unit).to_base_units().magnitude)
-    )
+    if unit in ("", "1"):
+        return 1.0
+    if unit in _USUAL_FACTORS:
+        return _USUAL_FACTORS[unit]
+    return float(load_unit_registry().Quantity(1.0, unit).to_base_units().magnitude)
 
 
 def is_representable(value: float | np.ndarray) -> bool | np.ndarray:

@@ -1,12 +1,15 @@
 """Units: conversion to and from SI, and messages for invalid units."""
 
 import math
+import subprocess
+import sys
 
 import pytest
 
 from pamjax.errors import BadInput
 from pamjax.units import (
     SI_UNITS,
+    USUAL_UNITS,
     compute_si_factor,
     format_quantity,
     load_unit_registry,
@@ -39,6 +42,22 @@ POUND_FORCE = 0.45359237 * 9.80665
 def test_conversion_factor(unit, kind, si):
     agree(parse_unit(unit, kind), si, ROUNDING)
     agree(compute_si_factor(unit), si, ROUNDING)
+
+
+@pytest.mark.parametrize(("si", "unit"), [(si, unit) for si in USUAL_UNITS for unit in USUAL_UNITS[si]])
+def test_usual_unit_has_the_factor_of_pint(si, unit):
+    quantity = load_unit_registry().Quantity(1.0, unit)
+    assert USUAL_UNITS[si][unit] == quantity.to(si).magnitude == quantity.to_base_units().magnitude
+
+
+def test_usual_units_do_not_load_pint():
+    program = (
+        "import sys; from pamjax.units import parse_quantity, format_quantity;"
+        " format_quantity(parse_quantity('3 mm', 'length'), 'in'); print('pint' in sys.modules);"
+        " parse_quantity('3 km', 'length'); print('pint' in sys.modules)"
+    )
+    process = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert process.stdout.split() == ["False", "True"]
 
 
 @pytest.mark.parametrize("kind", SI_UNITS)

@@ -42,5 +42,10 @@ def start_compilation(function: Any, *arguments: Any) -> Future:
 
 
 def run_compiled(function: Any, *arguments: Any) -> Any:
-    """Return the function's value; compile the function first if necessary."""
+    """Return the function's value; compile the function first if necessary.
+
+    Args:
+        function: a function whose value is an array, or tuples, lists and dictionaries of arrays.
+        arguments: pytrees of arrays.
+    """
     return start_compilation(function, *arguments).result()(*jax.tree_util.tree_leaves(arguments))

@@ -10,7 +10,8 @@ import numpy as np
 
 from pamjax.infer.fitting.load import LoadedMuscle
 from pamjax.infer.form_errors.form_model import FormRows
-from pamjax.infer.problem.dataset import CHANNELS, build_history, find_slack_samples
+from pamjax.infer.problem.dataset import CHANNELS, build_history
+from pamjax.infer.problem.informative_samples import find_slack_samples
 from pamjax.model.bench import Bench, BenchReading, clip_slack_force, record_bench
 from pamjax.model.muscle import Muscle, MuscleReading, predict
 from pamjax.records.case import Case

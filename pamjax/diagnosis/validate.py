@@ -14,11 +14,8 @@ from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.case_prediction import predict_case, predict_channels
 from pamjax.errors import BadInput
 from pamjax.infer.fitting.load import LoadedMuscle, load_muscle
-from pamjax.infer.problem.dataset import (
-    CHANNELS,
-    estimate_starting_sd,
-    find_informative_samples,
-)
+from pamjax.infer.problem.dataset import CHANNELS
+from pamjax.infer.problem.informative_samples import estimate_starting_sd, find_informative_samples
 from pamjax.infer.problem.rms import compute_rms
 from pamjax.model.balance import Status
 from pamjax.notebook import NotebookText

@@ -17,6 +17,7 @@ least three, else its cycles, else its isobars.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -59,8 +60,18 @@ class Blocks:
         return self.label == index
 
 
+#: Blocks of each recording in use: a command asks for them about ten times.
+_blocks_of_recordings: WeakKeyDictionary[Recording, Blocks] = WeakKeyDictionary()
+
+
 def find_blocks(recording: Recording) -> Blocks:
     """Return the blocks of a recording."""
+    if recording not in _blocks_of_recordings:
+        _blocks_of_recordings[recording] = _find_blocks(recording)
+    return _blocks_of_recordings[recording]
+
+
+def _find_blocks(recording: Recording) -> Blocks:
     if recording.measures_length:
         row_blocks = _find_loads(recording) or _find_cycles(recording) or _find_isobars(recording)
         row_blocks = row_blocks or _split_rows(recording)

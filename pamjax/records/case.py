@@ -174,12 +174,19 @@ def build_case(
         folder=folder,
         muscle_toml=muscle_toml,
         recording=recording,
-        checksum=hashlib.sha256(csv_bytes + toml_bytes).hexdigest(),
+        checksum=_compute_checksum(csv_bytes, toml_bytes),
         warnings=tuple(warnings),
         gaps=gaps,
         before=before,
         text=decode_text(toml_bytes, MUSCLE_FILE),
     )
+
+
+def _compute_checksum(*parts: bytes) -> str:
+    checksum = hashlib.sha256()
+    for part in parts:
+        checksum.update(part)
+    return checksum.hexdigest()
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:

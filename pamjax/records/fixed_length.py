@@ -20,7 +20,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtrc
 
 from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
@@ -96,6 +95,8 @@ def find_rest_samples(length: np.ndarray) -> np.ndarray:
 
 def _has_drift(length: np.ndarray, noise: float) -> bool:
     """Return whether the means of the parts differ by more than noise."""
+    from scipy.special import chdtrc
+
     parts = np.array_split(length, min(_MAX_VISIT_PARTS, length.size // _MIN_PART_SAMPLES))
     chi_squared = sum(part.size * (part.mean() - length.mean()) ** 2 for part in parts) / noise**2
     return bool(chdtrc(len(parts) - 1, chi_squared) < _DRIFT_SIGNIFICANCE)

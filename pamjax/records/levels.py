@@ -69,12 +69,19 @@ def assign_levels(channel: np.ndarray, levels: np.ndarray) -> np.ndarray:
 
 
 def find_nearest_level(channel: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """Return the index of the nearest level, (n,); -1 where not measured or if there is no level."""
+    """Return the index of the nearest level, (n,); -1 where not measured or if there is no level.
+
+    Args:
+        channel: (n,) SI, NaN where not measured.
+        levels: the levels, ascending, SI.
+    """
     measured = np.isfinite(channel)
     if not len(levels):
         return np.full(len(channel), -1)
-    x = np.where(measured, channel, 0.0)
-    return np.where(measured, np.abs(x[:, None] - levels).argmin(axis=1), -1)
+    x = np.where(measured, channel, levels[0])
+    # The middle between two levels belongs to the lower one.
+    nearest = np.searchsorted((levels[1:] + levels[:-1]) / 2, x)
+    return np.where(measured, nearest, -1)
 
 
 def _stays_on_levels(measured_values: np.ndarray, levels: np.ndarray) -> bool:

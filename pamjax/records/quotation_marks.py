@@ -12,7 +12,7 @@ from pamjax.errors import BadInput
 MAX_CELL_CHARACTERS = 30
 
 #: Longest line of a table; Python's reader refuses longer cells.
-_MAX_LINE_LENGTH = 100_000
+MAX_LINE_LENGTH = 100_000
 
 
 def split_lines(text: str) -> list[str]:
@@ -27,8 +27,8 @@ def check_line_lengths(lines: Sequence[str], file: str) -> None:
         BadInput: with the row.
     """
     for row, line in enumerate(lines, 1):
-        if len(line) > _MAX_LINE_LENGTH:
-            rule = f"a row must have at most {_MAX_LINE_LENGTH} characters"
+        if len(line) > MAX_LINE_LENGTH:
+            rule = f"a row must have at most {MAX_LINE_LENGTH} characters"
             remedy = "Check the line breaks of the file."
             raise BadInput.from_rule(rule, f"{len(line)}", f"row {row} of {file}", remedy)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -161,7 +162,7 @@ class Recording:
         """Return the mask, (n,) bool, of rows with measured pressure and length, which a model needs."""
         return np.isfinite(self.pressure) & np.isfinite(self.length)
 
-    @property
+    @cached_property
     def is_run_start(self) -> np.ndarray:
         """Return the mask, (n,) bool, of first rows of continuous parts; every row of a static map."""
         if self.time is None:

@@ -231,7 +231,8 @@ def list_loaded_modules(*words):
     """Return the modules that a command line loads, and its exit code."""
     code = (
         "import sys; from pamjax.cli.main import main; code = main(sys.argv[1:]);"
-        "heavy = [m for m in ('jax', 'pandas', 'matplotlib', 'xarray') if m in sys.modules];"
+        "names = ('jax', 'pandas', 'matplotlib', 'xarray', 'pint', 'optimistix');"
+        "heavy = [m for m in names if m in sys.modules];"
         "print(code, *heavy, file=sys.stderr)"
     )
     process = subprocess.run(
@@ -278,3 +279,7 @@ def test_ctrl_c_ends_the_command_at_any_time(bench, tmp_path):
     assert running.returncode == 130
     assert "pamjax: interrupted" in output
     assert "Traceback" not in output
+
+
+def test_check_loads_only_what_it_needs(bench):
+    assert list_loaded_modules("check", str(bench / "made")) == "0 jax"

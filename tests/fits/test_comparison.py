@@ -13,7 +13,7 @@ from pamjax.errors import BadInput
 from pamjax.infer.fitting.cross_validation import exclude_rows
 from pamjax.infer.fitting.fit import fit
 from pamjax.infer.fitting.least_squares import solve_least_squares
-from pamjax.infer.problem.dataset import predict_rows
+from pamjax.infer.problem.dataset import predict_row_channels
 from pamjax.model.muscle import Muscle, predict
 from pamjax.records.case import Case
 from pamjax.records.reading.muscle_toml import parse_muscle_toml
@@ -101,7 +101,7 @@ def test_held_out_length_does_not_affect_the_braid(bare_comparison):
     )
     assert float(values["length_error.5"]) == pytest.approx(0.0, abs=1e-9)
     assert abs(float(values["length_error.3"])) > 1e-6
-    force = predict_rows(hidden, jnp.array(list(values.values()))).force[: test_rows.size]
+    force = predict_row_channels(hidden, jnp.array(list(values.values())))[0, : test_rows.size]
     by_hand = np.sqrt(np.mean((case.recording.force - np.asarray(force))[test_rows] ** 2))
     assert comparison.rmse(BRAID, REST) == pytest.approx(float(by_hand), rel=1e-4)
 

@@ -22,12 +22,8 @@ from pamjax.diagnosis.library.evaluation_cache import CachedEvaluation, Evaluati
 from pamjax.diagnosis.library.library_parameters import LibraryParameters, collect_library_parameters
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.errors import BadInput
-from pamjax.infer.problem.dataset import (
-    Dataset,
-    build_history,
-    build_rows,
-    find_informative_samples,
-)
+from pamjax.infer.problem.dataset import Dataset, build_history, build_rows
+from pamjax.infer.problem.informative_samples import find_informative_samples
 from pamjax.jit import compile_on_call
 from pamjax.model.assembly import resolve_bench_law
 from pamjax.model.bench import HISTORY_DEPENDENT

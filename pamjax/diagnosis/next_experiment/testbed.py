@@ -22,7 +22,8 @@ from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.noise.sensor_noise import compute_effective_sd
-from pamjax.infer.problem.dataset import build_history, build_rows, estimate_starting_sd
+from pamjax.infer.problem.dataset import build_history, build_rows
+from pamjax.infer.problem.informative_samples import estimate_starting_sd
 from pamjax.records.case import Case
 from pamjax.records.protocol import Schedule
 from pamjax.records.recording import Recording

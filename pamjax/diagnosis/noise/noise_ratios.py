@@ -14,7 +14,7 @@ import numpy as np
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.estimate import estimate_noise
-from pamjax.infer.problem.dataset import get_stated_sds
+from pamjax.infer.problem.informative_samples import get_stated_sds
 
 
 def compute_noise_ratios(problem: LibraryProblem, values: np.ndarray) -> dict[str, float | None]:

@@ -10,28 +10,12 @@ from pamjax.infer.fitting.form_errors import FormSizes, describe_form_errors
 from pamjax.infer.fitting.least_squares import Solution
 from pamjax.infer.fitting.result import CaseFit, Estimate, HeldOutScore, NamedEstimates
 from pamjax.infer.form_errors.dataset_form import estimate_form
-from pamjax.infer.problem.dataset import Dataset, find_informative_samples, predict_rows
+from pamjax.infer.problem.dataset import Dataset, predict_rows
+from pamjax.infer.problem.informative_samples import find_informative_samples
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.infer.problem.rms import compute_rms
-from pamjax.infer.problem.unit_diagonal import scale_to_unit_diagonal
 from pamjax.model.balance import Status
 from pamjax.records.case import Case
-
-
-def compute_sd_and_correlation(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sds of the parameters, SI, NaN without information, and their correlation matrix."""
-    total_information = np.asarray(solution.information + solution.prior_information)
-    scaled_information, unit = scale_to_unit_diagonal(total_information)
-    # With a unit diagonal, an eigenvalue of rounding size is a combination without information.
-    eigenvalues, vectors = np.linalg.eigh(scaled_information)
-    has_information = eigenvalues > 1e-12
-    inverse = (vectors[:, has_information] / eigenvalues[has_information]) @ vectors[:, has_information].T
-    is_undetermined = (vectors[:, ~has_information] ** 2).sum(axis=1) > 1e-6
-    sd = np.sqrt(np.diag(inverse)) / unit * np.abs(np.asarray(solution.slope))
-    # A parameter at its bound has no correlation.
-    root = np.sqrt(np.where(np.diag(inverse) > 0, np.diag(inverse), 1.0))
-    correlation = inverse / np.outer(root, root) * np.sign(np.outer(solution.slope, solution.slope))
-    return np.where(is_undetermined, np.nan, sd), correlation
 
 
 def build_estimates(
@@ -67,13 +51,12 @@ def build_case_fit(
 ) -> CaseFit:
     """Return the muscle of one case, its predictions, and its errors."""
     values = space.to_values(solution.u)
-    reading = predict_rows(dataset, values)
     n = case.recording.n
-    status = np.asarray(reading.status)[:n]
+    predicted_channels, status = (array[..., :n] for array in predict_rows(dataset, values))
     has_failed = case.recording.usable & (status != Status.OK)
     channels = case.recording.model_channels
     form = estimate_form(dataset, values)[:, :n]
-    prediction = {c: np.asarray(getattr(reading, c))[:n] + own for c, own in zip(channels, form, strict=True)}
+    prediction = dict(zip(channels, predicted_channels + form, strict=True))
     description = (
         None if form_sizes is None else describe_form_errors(case, dataset, space, solution, form_sizes)
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from pamjax.infer.fitting.least_squares import Loss, Solution, solve_least_squares
 from pamjax.infer.form_errors.dataset_form import estimate_form, whiten_form_again
-from pamjax.infer.problem.dataset import Dataset, predict_rows
+from pamjax.infer.problem.dataset import Dataset, predict_row_channels
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.records.blocks import Blocks, split_folds
 from pamjax.records.case import Case
@@ -57,9 +57,8 @@ def cross_validate(
         values = space.to_values(reduced_solution.u)
         for dataset, mask, prediction in zip(training_datasets, held_out, predictions, strict=True):
             if mask is not None:
-                _fill_predictions(
-                    prediction, predict_rows(dataset, values), estimate_form(dataset, values), mask
-                )
+                predicted_channels = predict_row_channels(dataset, values) + estimate_form(dataset, values)
+                _fill_predictions(prediction, predicted_channels, mask)
     return folds_of_cases, predictions
 
 
@@ -81,6 +80,8 @@ def exclude_rows(dataset: Dataset, is_excluded: np.ndarray | None) -> Dataset:
     return whiten_form_again(training_dataset)
 
 
-def _fill_predictions(prediction: dict[str, np.ndarray], reading, form: np.ndarray, mask: np.ndarray) -> None:
-    for (channel, values), form_of_channel in zip(prediction.items(), form, strict=True):
-        values[mask] = (np.asarray(getattr(reading, channel)) + form_of_channel)[: mask.size][mask]
+def _fill_predictions(
+    prediction: dict[str, np.ndarray], predicted_channels: np.ndarray, mask: np.ndarray
+) -> None:
+    for values, predicted in zip(prediction.values(), predicted_channels, strict=True):
+        values[mask] = predicted[: mask.size][mask]

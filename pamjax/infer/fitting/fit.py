@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.errors import check_minimum
-from pamjax.infer.fitting.build_result import build_case_fit, build_estimates, compute_sd_and_correlation
+from pamjax.infer.fitting.build_result import build_case_fit, build_estimates
+from pamjax.infer.fitting.covariance import compute_sd_and_correlation
 from pamjax.infer.fitting.cross_validation import cross_validate
 from pamjax.infer.fitting.form_errors import FormSizes, check_form_errors, fit_form_errors
 from pamjax.infer.fitting.joint_space import build_joint_space, choose_law, collect_meanings
@@ -131,7 +132,7 @@ def fit(
     )  # fmt: skip
     _, noise = reweight_datasets(cases, datasets, space, solution, loss)
     datasets, solution, at_limit = _quantify_uncertainty(datasets, space, fixed_space, solution, loss)
-    sd, correlation = compute_sd_and_correlation(solution)
+    sd, correlation = compute_sd_and_correlation(solution.total_information, solution.slope)
     progress("done", 1.0)
     return Fit(
         law=law,
@@ -269,10 +270,10 @@ def _check_counts(starts: int, fold_count: int, seed: int) -> None:
         check_minimum(name, value, minimum)
 
 
-def reweight_datasets(cases, datasets, space, solution, loss: Loss = "square", trust_sensors=False):
+def reweight_datasets(cases, datasets, space, solution, loss: Loss = "square"):
     """Return every dataset with weights from its noise, and the noise; see `reweight_dataset`."""
     pairs = [
-        reweight_dataset(case, dataset, space, solution, loss, trust_sensors)
+        reweight_dataset(case, dataset, space, solution, loss)
         for case, dataset in zip(cases, datasets, strict=True)
     ]
     return tuple(dataset for dataset, _ in pairs), [noise for _, noise in pairs]

@@ -38,8 +38,9 @@ from pamjax.infer.form_errors.parts import (
     compute_prediction_sd,
 )
 from pamjax.infer.form_errors.shares import FormCost, choose_shares
-from pamjax.infer.problem.dataset import Dataset, get_stated_sds
+from pamjax.infer.problem.dataset import Dataset
 from pamjax.infer.problem.form_filter import estimate_coefficients
+from pamjax.infer.problem.informative_samples import get_stated_sds
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.jit import compile_on_call
 from pamjax.records.case import Case

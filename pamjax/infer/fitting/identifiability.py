@@ -12,10 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 
-from pamjax.infer.fitting.build_result import compute_sd_and_correlation
+from pamjax.infer.fitting.covariance import compute_sd_and_correlation
 from pamjax.infer.fitting.determination import (
     DETERMINED,
     MAX_SD_RATIO_DETERMINED,
@@ -24,10 +23,9 @@ from pamjax.infer.fitting.determination import (
     compute_prior_scale,
     describe_row_shortage,
 )
-from pamjax.infer.fitting.fit import reweight_datasets
+from pamjax.infer.fitting.expected_information import compute_expected_information
 from pamjax.infer.fitting.joint_space import build_joint_space
-from pamjax.infer.fitting.least_squares import linearise_problem
-from pamjax.infer.problem.dataset import build_dataset, count_informative_samples
+from pamjax.infer.problem.informative_samples import count_informative_samples
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.infer.problem.priors import is_length_error, list_free_parameters
 from pamjax.model.assembly import resolve_bench_law
@@ -94,22 +92,16 @@ def check_identifiability(
         check_exclusive_pairs(mechanisms)
         law = resolve_bench_law(law, mechanisms)
     space, (rename,) = build_joint_space([case], law, (), mechanisms)
-    datasets = (build_dataset(case, law, space, rename, mechanisms),)
-    start = jnp.zeros(space.size)
-    datasets, _ = reweight_datasets(
-        [case], datasets, space, linearise_problem(datasets, space, start), trust_sensors=True
-    )
-    solution = linearise_problem(datasets, space, start)
+    expected = compute_expected_information(case, law, space, rename, mechanisms)
     parameters = list_free_parameters(case, law, mechanisms)
     scale = _compute_prior_scales(space, {p.name: p.meaning for p in parameters})
-    sd, _ = compute_sd_and_correlation(solution)
+    sd, _ = compute_sd_and_correlation(expected.of_data + expected.of_priors, expected.slope)
     results = [
         ParameterIdentifiability(name, float(space.sd[k]), float(sd[k]), float(sd[k] / scale[k]))
         for k, name in enumerate(space.names)
         if not is_length_error(name)
     ]
-    slope = np.asarray(solution.slope)
-    information = np.asarray(solution.information) / np.outer(slope, slope)
+    information = expected.of_data / np.outer(expected.slope, expected.slope)
     combinations = find_undetermined_combinations(space.names, information, scale)
     return results, _format_sentences(case, results, combinations)
 

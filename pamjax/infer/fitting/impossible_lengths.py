@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
-from pamjax.infer.problem.dataset import find_informative_samples
+from pamjax.infer.problem.informative_samples import find_informative_samples
 from pamjax.units import format_quantity
 
 if TYPE_CHECKING:

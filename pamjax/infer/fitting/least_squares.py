@@ -12,14 +12,12 @@ from typing import Literal
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Float
 
+from pamjax.compile.programs import run_compiled
 from pamjax.infer.problem.dataset import Dataset
 from pamjax.infer.problem.parameter_space import ParameterSpace
-from pamjax.jit import compile_on_call
 
 Loss = Literal["square", "soft"]
 
@@ -50,6 +48,17 @@ class Solution(eqx.Module):
     steps: Array
     converged: Array
 
+    @property
+    def total_information(self) -> Float[Array, "p p"]:
+        """Return the information of data and priors."""
+        return self.information + self.prior_information
+
+
+class _LossName(eqx.Module):
+    """The loss as an argument of a compiled program."""
+
+    name: Loss = eqx.field(static=True)
+
 
 def soften_residual(r: Array) -> Array:
     """Return the residual with the square 2 (sqrt(1 + r²) − 1): quadratic within one sd, then linear."""
@@ -73,7 +82,6 @@ def stack_residuals(
     return jnp.concatenate(parts)
 
 
-@compile_on_call
 def solve_least_squares(
     datasets: tuple[Dataset, ...], space: ParameterSpace, start: Float[Array, " p"], loss: Loss = "square"
 ) -> Solution:
@@ -85,9 +93,20 @@ def solve_least_squares(
         start: (p,) starting point in u; zeros are the stated values.
         loss: "square", or "soft", which reduces the weight of outliers.
     """
+    return Solution(*run_compiled(_solve, datasets, space, start, _LossName(loss)))
+
+
+def _solve(
+    datasets: tuple[Dataset, ...], space: ParameterSpace, start: Float[Array, " p"], loss: _LossName
+) -> list[Array]:
+    """Return the fields of the `Solution` of `solve_least_squares`: a program on disk has no classes."""
+    # A program that is read from disk does not need the libraries.
+    import lineax as lx
+    import optimistix as optx
+
     # With many more rows than parameters, the normal equations are faster than a QR decomposition.
     solver = optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9, linear_solver=lx.Normal(lx.Cholesky()))
-    compute_residuals = _linearise_to_matrix(lambda u: _stack_all_residuals(datasets, space, u, loss))
+    compute_residuals = _linearise_to_matrix(lambda u: _stack_all_residuals(datasets, space, u, loss.name))
     result = optx.least_squares(
         lambda u, _: compute_residuals(u), solver, start, max_steps=_MAX_LM_STEPS, throw=False
     )
@@ -95,7 +114,9 @@ def solve_least_squares(
     last = result.state.f_info
     solution = _build_solution(datasets, space, result.value, last.residual, last.jac.as_matrix())
     converged = result.result == optx.RESULTS.successful
-    return eqx.tree_at(lambda s: (s.steps, s.converged), solution, (result.stats["num_steps"], converged))
+    return jax.tree.leaves(
+        eqx.tree_at(lambda s: (s.steps, s.converged), solution, (result.stats["num_steps"], converged))
+    )
 
 
 def _linearise_to_matrix(function: Callable[[Array], Array]) -> Callable[[Array], Array]:
@@ -114,13 +135,21 @@ def _linearise_to_matrix(function: Callable[[Array], Array]) -> Callable[[Array]
     return linearised
 
 
-@compile_on_call
 def linearise_problem(
     datasets: tuple[Dataset, ...], space: ParameterSpace, u: Float[Array, " p"], loss: Loss = "square"
 ) -> Solution:
     """Return the `Solution` at a point, without a minimisation."""
-    residuals, jacobian = _compute_with_jacobian(lambda v: _stack_all_residuals(datasets, space, v, loss), u)
-    return _build_solution(datasets, space, u, residuals, jacobian)
+    return Solution(*run_compiled(_linearise, datasets, space, u, _LossName(loss)))
+
+
+def _linearise(
+    datasets: tuple[Dataset, ...], space: ParameterSpace, u: Float[Array, " p"], loss: _LossName
+) -> list[Array]:
+    """Return the fields of the `Solution` of `linearise_problem`."""
+    residuals, jacobian = _compute_with_jacobian(
+        lambda v: _stack_all_residuals(datasets, space, v, loss.name), u
+    )
+    return jax.tree.leaves(_build_solution(datasets, space, u, residuals, jacobian))
 
 
 def _stack_all_residuals(

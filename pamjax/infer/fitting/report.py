@@ -13,7 +13,7 @@ from pamjax.infer.fitting.determination import describe_row_shortage, describe_s
 from pamjax.infer.fitting.impossible_lengths import describe_impossible_lengths
 from pamjax.infer.form_errors.parts import MIN_SHOWN_EFFECT
 from pamjax.infer.noise.sensor_noise import ChannelNoise
-from pamjax.infer.problem.dataset import count_informative_samples
+from pamjax.infer.problem.informative_samples import count_informative_samples
 from pamjax.infer.problem.priors import is_length_error
 from pamjax.infer.problem.row_counts import describe_unused_rows
 from pamjax.records.reading.muscle_toml import describe_unused_bladder

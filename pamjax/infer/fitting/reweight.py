@@ -22,9 +22,8 @@ from pamjax.infer.noise.estimate import compute_noise_variances, estimate_neighb
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.noise.noise_settings import NOISE_SETTINGS
 from pamjax.infer.noise.sensor_noise import ChannelNoise, compute_correlation_time, compute_effective_sd
-from pamjax.infer.problem.dataset import (
-    Dataset,
-    compute_si_misfit,
+from pamjax.infer.problem.dataset import Dataset, compute_si_misfit
+from pamjax.infer.problem.informative_samples import (
     estimate_starting_sd,
     find_informative_samples,
     get_stated_sds,
@@ -43,7 +42,6 @@ def reweight_dataset(
     space: ParameterSpace,
     solution: Solution,
     loss: Loss = "square",
-    trust_sensors: bool = False,
 ) -> tuple[Dataset, dict[str, ChannelNoise]]:
     """Return the dataset with weights from its noise, and the noise by channel.
 
@@ -58,10 +56,8 @@ def reweight_dataset(
         space: the parameters.
         solution: the solution with the residuals.
         loss: the loss of the fit.
-        trust_sensors: whether the weights use only the stated sd, with independent samples; for the expected
-            identifiability before a fit.
     """
-    if dataset.whitening is not None and not trust_sensors:
+    if dataset.whitening is not None:
         return _whiten_dataset(case, dataset, space, solution, loss)
     sensors, n = case.muscle_toml.sensors, case.recording.n
     sd = compute_effective_sd(dataset, space.to_values(solution.u), sensors, estimate_starting_sd(case))
@@ -84,11 +80,8 @@ def reweight_dataset(
             np.nansum(standardised**2)
             / _compute_degrees_of_freedom(measured.sum(), effective_parameters, autocorrelation_time)
         )
-        channel_weights[k] = (
-            1.0
-            if trust_sensors
-            else 1 / (math.sqrt(autocorrelation_time) * max(rms_over_noise, 1.0 if stated_sd else 1e-12))
-        )
+        smallest_excess = 1.0 if stated_sd else 1e-12
+        channel_weights[k] = 1 / (math.sqrt(autocorrelation_time) * max(rms_over_noise, smallest_excess))
         noise[channel] = ChannelNoise(
             sd=float(np.sqrt(np.mean(sd[k, measured] ** 2))) * (1.0 if stated_sd else rms_over_noise),
             is_stated=stated_sd is not None,
@@ -247,7 +240,7 @@ def _clip_outliers(standardised: np.ndarray) -> np.ndarray:
 
 def _count_effective_parameters(solution: Solution) -> float:
     """Return the effective number of parameters that the data determine, not the priors."""
-    total_information = np.asarray(solution.information + solution.prior_information)
+    total_information = np.asarray(solution.total_information)
     return float(np.trace(np.linalg.pinv(total_information) @ np.asarray(solution.information)))
 
 

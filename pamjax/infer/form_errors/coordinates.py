@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import eval_legendre
 
 from pamjax.records.recording import Recording
 
@@ -63,6 +62,8 @@ class Coordinates:
 
     def evaluate_power(self, variable: str, degree: int) -> np.ndarray:
         """Return one factor of a term, (n,); a course in time is zero where no time is recorded."""
+        from scipy.special import eval_legendre
+
         if variable == "time":
             return np.zeros(self.pressure.size) if self.time is None else np.cos(np.pi * degree * self.time)
         values = getattr(self, variable)

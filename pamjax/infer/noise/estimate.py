@@ -22,17 +22,12 @@ from pamjax.infer.noise.second_differences import (
     DifferenceStatistics,
     compute_second_differences,
 )
-from pamjax.infer.noise.sensor_noise import compute_isotonic_variance, compute_sensitivities
+from pamjax.infer.noise.sensor_noise import compute_isotonic_variance, compute_propagated_variance
 from pamjax.infer.noise.spectral_lines import remove_spectral_lines
 from pamjax.infer.noise.static_table import TableVariance
 from pamjax.infer.noise.unknown_sensor import estimate_unknown_noise
-from pamjax.infer.problem.dataset import (
-    CHANNELS,
-    Dataset,
-    estimate_starting_sd,
-    get_stated_sds,
-    predict_row_channels,
-)
+from pamjax.infer.problem.dataset import CHANNELS, Dataset, predict_row_channels
+from pamjax.infer.problem.informative_samples import estimate_starting_sd, get_stated_sds
 from pamjax.records.case import Case
 
 
@@ -55,11 +50,7 @@ def compute_noise_variances(
     if case.recording.measures_length:
         predict = predict or (lambda d: predict_row_channels(d, jnp.asarray(values)))
         return sensor_variance, compute_isotonic_variance(dataset, sensors, predict)[:, :n]
-    by_pressure, by_length = (
-        np.asarray(s)[:, :n] for s in compute_sensitivities(dataset, jnp.asarray(values))
-    )
-    length = 0.0 if sensors.length_per_level else sensors.length or 0.0
-    input_variance = ((sensors.pressure or 0.0) * by_pressure) ** 2 + (length * by_length) ** 2
+    input_variance = compute_propagated_variance(dataset, jnp.asarray(values), sensors)[:, :n]
     return sensor_variance, np.nan_to_num(input_variance)
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from pamjax.infer.noise.second_differences import DifferenceStatistics, compute_expected_squares
 from pamjax.infer.noise.sensor_posterior import (
@@ -52,6 +51,8 @@ def estimate_inexact_noise(statistics: DifferenceStatistics, stated_variance: fl
         statistics: mean squares of the residual and of the propagated noise.
         stated_variance: of the sensor, SI squared.
     """
+    from scipy.special import logsumexp
+
     # A recording almost free of noise: the floor is far below the smallest estimate of a variance.
     floor = np.maximum(_MIN_SQUARE_SHARE * (statistics.propagated_variance + 6 * stated_variance), 1e-36)
     statistics = replace(statistics, mean_squares=np.maximum(statistics.mean_squares, floor))

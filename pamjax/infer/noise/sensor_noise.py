@@ -23,8 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from pamjax.compile.programs import run_compiled
 from pamjax.infer.problem.dataset import Dataset, predict_row_channels
-from pamjax.jit import compile_on_call
 from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.records.recording import Recording
 
@@ -58,9 +58,12 @@ class ChannelNoise:
         return self.is_stated or self.neighbour_sd is not None
 
 
-@compile_on_call
 def compute_sensitivities(dataset: Dataset, values: Float[Array, " p"]) -> tuple[Array, Array]:
     """Return ∂(force, diameter)/∂pressure and ∂(force, diameter)/∂length, each (2, n)."""
+    return run_compiled(_compute_sensitivities, dataset.without_filters(), values)
+
+
+def _compute_sensitivities(dataset: Dataset, values: Float[Array, " p"]) -> tuple[Array, Array]:
     muscle = dataset.build_muscle(values)
 
     def predict_both(pressure, length):
@@ -85,11 +88,23 @@ def compute_effective_sd(
     if dataset.rows.set_force is not None:
         variance = compute_isotonic_variance(dataset, sensors, lambda d: predict_row_channels(d, values))
         return np.sqrt(np.asarray(sensor_sds)[:, None] ** 2 + variance)
-    by_pressure, by_length = (np.asarray(s) for s in compute_sensitivities(dataset, values))
-    pressure = (sensors.pressure or 0.0) * by_pressure
+    variance = np.square(sensor_sds)[:, None] + compute_propagated_variance(dataset, values, sensors)
+    return np.sqrt(variance)
+
+
+def compute_propagated_variance(dataset: Dataset, values: Array, sensors: Sensors) -> np.ndarray:
+    """Return the variance of force and diameter by the noise of pressure and length, SI, (2, n).
+
+    Args:
+        dataset, values, sensors: as for `compute_effective_sd`.
+    """
     # An error of a length level is a parameter of the fit, not noise.
-    length = (0.0 if sensors.length_per_level else sensors.length or 0.0) * by_length
-    return np.sqrt(np.asarray(sensor_sds)[:, None] ** 2 + pressure**2 + length**2)
+    length_sd = 0.0 if sensors.length_per_level else sensors.length or 0.0
+    pressure_sd = sensors.pressure or 0.0
+    if not (pressure_sd or length_sd):
+        return np.zeros((2, dataset.rows.pressure.size))
+    by_pressure, by_length = (np.asarray(s) for s in compute_sensitivities(dataset, values))
+    return (pressure_sd * by_pressure) ** 2 + (length_sd * by_length) ** 2
 
 
 def compute_isotonic_variance(

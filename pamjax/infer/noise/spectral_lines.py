@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 #: Probability of noise below which a line is removed, and largest number of lines.
 _MAX_PROBABILITY, _MAX_LINES = 1e-4, 8
@@ -59,6 +58,8 @@ def compute_relative_power(values: np.ndarray, moments: np.ndarray) -> tuple[np.
         values: (n,) the signal.
         moments: (n,) s, increasing.
     """
+    from scipy.ndimage import median_filter
+
     step = float(np.median(np.diff(moments))) if moments.size >= _MIN_SAMPLES else 0.0
     if not step > 0:
         return np.zeros(0), np.zeros(0)

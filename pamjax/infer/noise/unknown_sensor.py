@@ -8,8 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.optimize import nnls
 
 from pamjax.infer.noise.second_differences import DifferenceStatistics, compute_expected_squares
 from pamjax.infer.noise.sensor_posterior import (
@@ -54,6 +52,9 @@ def estimate_unknown_noise(statistics: DifferenceStatistics) -> UnknownSensorNoi
 
 def _fit_correlation(k: int, statistics: DifferenceStatistics) -> tuple[float, float, float, float]:
     """Return the log-likelihood of one correlation, the variance, its error, and other white variance."""
+    from scipy.linalg import solve_triangular
+    from scipy.optimize import nnls
+
     mean, covariance = compute_expected_squares(k)
     squares, per = statistics.mean_squares, 1 / np.sqrt(statistics.counts)
     # All terms are relative to the measured mean squares.

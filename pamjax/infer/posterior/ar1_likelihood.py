@@ -27,7 +27,8 @@ from pamjax.channels import DISPLAY_UNIT, SI_UNIT
 from pamjax.infer.fitting.reweight import compute_noise_residuals, estimate_noise_of_dataset
 from pamjax.infer.noise.autocorrelation import estimate_autocorrelation_time
 from pamjax.infer.noise.sensor_noise import compute_effective_sd
-from pamjax.infer.problem.dataset import CHANNELS, Dataset, estimate_starting_sd
+from pamjax.infer.problem.dataset import CHANNELS, Dataset
+from pamjax.infer.problem.informative_samples import estimate_starting_sd
 from pamjax.infer.problem.parameter_space import FreeParameter
 from pamjax.infer.problem.prior_limits import MIN_MISFIT_MEAN_SQUARE
 from pamjax.infer.problem.whitening import compute_filter, filter_samples, pack_samples

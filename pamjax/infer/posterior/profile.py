@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from pamjax.infer.fitting.build_result import compute_sd_and_correlation
+from pamjax.infer.fitting.covariance import compute_sd_and_correlation
 from pamjax.infer.fitting.least_squares import Loss, Solution, solve_least_squares
 from pamjax.infer.fitting.result import Fit
 from pamjax.infer.form_errors.dataset_form import whiten_form_again
@@ -133,7 +133,7 @@ def compute_profile(problem: ProfileProblem, name: str) -> LikelihoodProfile:
 
 def _compute_sd_in_u(solution: Solution) -> np.ndarray:
     """Return the standard deviations of the unbounded coordinates u at a solution, (p,)."""
-    sd, _ = compute_sd_and_correlation(solution)
+    sd, _ = compute_sd_and_correlation(solution.total_information, solution.slope)
     slope = np.maximum(np.abs(np.asarray(solution.slope)), 1e-300)
     return np.where(np.isfinite(sd), sd / slope, 1.0)
 

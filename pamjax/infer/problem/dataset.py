@@ -7,17 +7,22 @@ share one compiled program.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pandas as pd
 from jaxtyping import Array, Bool, Float, Int
 
+from pamjax.compile.programs import run_compiled
 from pamjax.infer.problem.form_filter import FormFilter
+from pamjax.infer.problem.informative_samples import (
+    estimate_starting_sd,
+    find_informative_samples,
+    find_slack_samples,
+)
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.infer.problem.priors import (
     collect_mechanism_values,
@@ -26,32 +31,17 @@ from pamjax.infer.problem.priors import (
     list_free_parameters,
 )
 from pamjax.infer.problem.whitening import Whitening
-from pamjax.jit import compile_on_call
 from pamjax.model.assembly import assemble, assemble_bench
 from pamjax.model.bench import Bench, BenchReading, clip_slack_force
 from pamjax.model.history import History, build_time_history
 from pamjax.model.isotonic import LengthReading, predict_length
 from pamjax.model.muscle import Muscle, MuscleReading
-from pamjax.records.blocks import assign_length_levels, find_blocks
+from pamjax.records.blocks import assign_length_levels
 from pamjax.records.case import Case
 
 #: The channels of a fit, in the order of the stacked arrays. In an isotonic test, the length takes the place
 #: of the force; `Recording.model_channels` has both names.
 CHANNELS = ("force", "diameter")
-
-#: A muscle is slack if its force is below this fraction of the largest force.
-MAX_SLACK_FORCE_SHARE = 0.02
-
-#: Smallest significant pressure, standard deviations of its sensor.
-_MIN_PRESSURE_SD = 3.0
-
-#: Smallest pressure, relative to the highest, at which the length at a set force is informative.
-_MIN_INFLATED_SHARE = 0.01
-
-#: Number of samples in the running median that detects a slack muscle: maximum, and fraction of the block.
-_MAX_MEDIAN_SAMPLES, _MEDIAN_BLOCK_SHARE = 15, 1 / 30
-#: Largest noise of a sample, standard deviations of the load cell.
-_MAX_NOISE_SD = 4.0
 
 
 class PaddedRows(eqx.Module):
@@ -113,6 +103,13 @@ class Dataset(eqx.Module):
     whitening: Whitening | None = None
     form_filter: FormFilter | None = None
 
+    def without_filters(self) -> Dataset:
+        """Return the dataset without filters of the residuals.
+
+        A program for it serves before and after they are known.
+        """
+        return replace(self, whitening=None, form_filter=None)
+
     def collect_parameters(self, values: Float[Array, " p"]) -> dict[str, Array]:
         """Return all parameters of the muscle by name, SI, from the free parameters, (p,), SI."""
         return self.fixed_values | {name: values[i] for name, i in self.free_parameters}
@@ -171,7 +168,14 @@ def _stack_channels(reading: MuscleReading | BenchReading | LengthReading) -> Fl
 
 
 def build_dataset(
-    case: Case, law: str, space: ParameterSpace, space_names: dict[str, str], mechanisms: Sequence[str] = ()
+    case: Case,
+    law: str,
+    space: ParameterSpace,
+    space_names: Mapping[str, str],
+    mechanisms: Sequence[str] = (),
+    *,
+    rows: PaddedRows | None = None,
+    history: History | None = None,
 ) -> Dataset:
     """Return the dataset of a case.
 
@@ -181,6 +185,7 @@ def build_dataset(
         space: the space with the case's free parameters.
         space_names: name in the space of each of the case's free parameters.
         mechanisms: ids of the mechanisms in addition to the threads.
+        rows, history: samples and their order, if not those of the whole recording.
     """
     free = [n.name for n in list_free_parameters(case, law, mechanisms)]
     indices = {name: space.names.index(space_names.get(name, name)) for name in free}
@@ -193,8 +198,8 @@ def build_dataset(
         free_parameters=tuple((n, i) for n, i in indices.items() if not is_length_error(n)),
         length_error_indices=tuple(i for n, i in indices.items() if is_length_error(n)),
         fixed_values={n: jnp.asarray(m.value) for n, m in stated_values.items() if n not in indices},
-        rows=build_rows(case),
-        history=build_history(case),
+        rows=rows or build_rows(case),
+        history=history or build_history(case),
         channel_weights=jnp.ones(2),
     )
 
@@ -219,24 +224,23 @@ def build_history(case: Case, size: int | None = None, compute_padding: bool = T
     )
 
 
-def predict_rows(
-    dataset: Dataset, values: Float[Array, " p"]
-) -> MuscleReading | BenchReading | LengthReading:
-    """Return the predicted reading at every (padded) row, compiled."""
-    # Filters of the residuals are no part of the program, so that it serves before and after they are known.
-    return _predict_rows(replace(dataset, whitening=None, form_filter=None), values)
+def predict_rows(dataset: Dataset, values: Float[Array, " p"]) -> tuple[np.ndarray, np.ndarray]:
+    """Return both predicted channels, (2, n), SI, and the `Status`, (n,), at every (padded) row, compiled.
+
+    See `Dataset.predict_channels` for the channels.
+    """
+    channels, status = run_compiled(_predict_rows, dataset.without_filters(), values)
+    return np.asarray(channels), np.asarray(status)
 
 
-@compile_on_call
-def _predict_rows(
-    dataset: Dataset, values: Float[Array, " p"]
-) -> MuscleReading | BenchReading | LengthReading:
-    return dataset.predict(values)
+def _predict_rows(dataset: Dataset, values: Float[Array, " p"]) -> tuple[Array, Array]:
+    reading = dataset.predict(values)
+    return _stack_channels(reading), reading.status
 
 
 def predict_row_channels(dataset: Dataset, values: Float[Array, " p"]) -> np.ndarray:
-    """Return both predicted channels at every (padded) row, compiled; see `Dataset.predict_channels`."""
-    return np.asarray(_stack_channels(predict_rows(dataset, values)))
+    """Return both predicted channels at every (padded) row, (2, n), SI, compiled."""
+    return predict_rows(dataset, values)[0]
 
 
 def compute_si_misfit(dataset: Dataset, values: Float[Array, " p"]) -> np.ndarray:
@@ -245,118 +249,78 @@ def compute_si_misfit(dataset: Dataset, values: Float[Array, " p"]) -> np.ndarra
     return np.stack([rows.force, rows.diameter]) - predict_row_channels(dataset, values)
 
 
-def find_slack_samples(case: Case) -> np.ndarray:
-    """Return whether the muscle exerts nearly no force, (n,), by a running median of the force.
-
-    A criterion on the sample's own force would select samples by their noise, and bias the force near the
-    threshold. Only a sample that is below the threshold by more than noise is slack by its own force. Where a
-    muscle tightens quickly, the neighbours have a force. A set force of zero does not mean a slack muscle.
-    """
-    if case.recording.measures_length:
-        return np.zeros(case.recording.n, dtype=bool)
-    recording, sd = case.recording, case.muscle_toml.sensors.force
-    top = np.nanmax(np.abs(recording.force[recording.usable]), initial=0.0)
-    force = pd.Series(np.where(recording.usable, recording.force, np.nan))
-    # The rows of a static table have no order, and so no neighbours.
-    for _, block in force.groupby(find_blocks(recording).label) if recording.time is not None else ():
-        width = max(1, min(_MAX_MEDIAN_SAMPLES, int(_MEDIAN_BLOCK_SHARE * block.size)))
-        force[block.index] = block.rolling(width, center=True, min_periods=1).median()
-    below = recording.force < MAX_SLACK_FORCE_SHARE * top - _MAX_NOISE_SD * (np.inf if sd is None else sd)
-    return (force.fillna(np.inf).to_numpy() < MAX_SLACK_FORCE_SHARE * top) | (below & recording.usable)
-
-
-def find_informative_samples(case: Case, channel: str) -> np.ndarray:
-    """Return whether a sample of a channel is informative about the model, (n,).
-
-    At a fixed length, the force of a slack or bowed muscle is zero for any parameters, so it is excluded. On
-    a stroke, it locates the end of the stroke, and is included. At a fixed length, the diameter of a slack
-    muscle, or of one without significant pressure, is arbitrary, so it is excluded too. Without stated noise
-    of the pressure sensor, every pressure above zero is significant. At a set force, the length is not
-    informative without significant pressure, which is also at least `_MIN_INFLATED_SHARE` of the highest.
-    """
-    informative = case.recording.usable & np.isfinite(getattr(case.recording, channel))
-    if case.recording.measures_length:
-        pressure = case.recording.pressure
-        threshold = _MIN_INFLATED_SHARE * np.nanmax(pressure[case.recording.usable], initial=0.0)
-        noise = _MIN_PRESSURE_SD * (case.muscle_toml.sensors.pressure or 0.0)
-        return informative & np.isfinite(case.recording.force) & (pressure > max(threshold, noise))
-    if find_blocks(case.recording).kind != "lengths":
-        return informative
-    informative = informative & ~find_slack_samples(case)
-    if channel == "force":
-        return informative
-    return informative & (
-        case.recording.pressure > _MIN_PRESSURE_SD * (case.muscle_toml.sensors.pressure or 0.0)
-    )
-
-
-def count_informative_samples(case: Case) -> int:
-    """Return the number of informative samples of all channels that a model predicts."""
-    return sum(int(find_informative_samples(case, c).sum()) for c in case.recording.model_channels)
-
-
 def _compute_padded_size(n: int) -> int:
     """Return the number of rows with padding: a power of two up to 512, then a multiple of 512."""
     return max(8, 1 << (n - 1).bit_length()) if n <= 512 else 512 * math.ceil(n / 512)
 
 
+@dataclass(frozen=True, eq=False)
+class CaseRows:
+    """The samples of a case, and what follows from all of them.
+
+    Attributes:
+        case: the recording and its muscle.toml.
+        sds: standard deviations of force, or of a measured length, and of diameter, SI.
+        is_informative: (2, n) whether a sample of each channel is informative.
+        is_slack: (n,) whether the muscle exerts nearly no force.
+        length_level: (n,) index of the length level.
+    """
+
+    case: Case
+    sds: tuple[float, float]
+    is_informative: np.ndarray
+    is_slack: np.ndarray
+    length_level: np.ndarray
+
+    @classmethod
+    def from_case(cls, case: Case) -> CaseRows:
+        """Return the samples of a case."""
+        recording = case.recording
+        return cls(
+            case=case,
+            sds=estimate_starting_sd(case),
+            is_informative=np.stack([find_informative_samples(case, c) for c in recording.model_channels]),
+            is_slack=find_slack_samples(case),
+            length_level=assign_length_levels(recording).clip(min=0),
+        )
+
+    def pad(self, rows: slice, size: int) -> PaddedRows:
+        """Return some of the samples, padded to `size` rows."""
+        recording = self.case.recording
+        pressure, length = recording.pressure[rows], recording.length[rows]
+        usable = np.isfinite(pressure) & np.isfinite(length)
+
+        def pad(array, fill=0.0):
+            # The weight of a padded row is zero.
+            padded_array = np.full(size, fill, dtype=np.asarray(array).dtype)
+            padded_array[: usable.size] = array
+            return jnp.asarray(padded_array)
+
+        def channel(k):
+            informative = self.is_informative[k, rows]
+            measured = np.where(informative, getattr(recording, recording.model_channels[k])[rows], 0.0)
+            return pad(measured), pad(np.where(informative, 1.0 / self.sds[k], 0.0))
+
+        (force, force_weight), (diameter, diameter_weight) = channel(0), channel(1)
+        pressure = np.where(usable, pressure, 0.0)
+        length = np.where(usable, length, self.case.muscle_toml.rest_length.value)
+        set_force = pad(np.nan_to_num(recording.force[rows])) if recording.measures_length else None
+        return PaddedRows(
+            # The last state is repeated, because a model with memory may run through the recording twice.
+            pressure=pad(pressure, pressure[-1]),
+            length=pad(length, length[-1]),
+            force=force,
+            diameter=diameter,
+            force_weight=force_weight,
+            diameter_weight=diameter_weight,
+            length_level=pad(self.length_level[rows], 0),
+            is_slack=pad(self.is_slack[rows], False),
+            training_mask=pad(usable.astype(float)),
+            set_force=set_force,
+        )
+
+
 def build_rows(case: Case, size: int | None = None) -> PaddedRows:
     """Return the samples of a case, padded to `size` rows; None for `_compute_padded_size`."""
-    recording = case.recording
-    size = size or _compute_padded_size(recording.n)
-    usable = recording.usable
-    force_sd, diameter_sd = estimate_starting_sd(case)
-
-    def pad(array, fill=0.0):
-        # The weight of a padded row is zero.
-        padded_array = np.full(size, fill, dtype=np.asarray(array).dtype)
-        padded_array[: recording.n] = array
-        return jnp.asarray(padded_array)
-
-    def channel(name, sd):
-        informative = find_informative_samples(case, name)
-        measured = np.where(informative, getattr(recording, name), 0.0)
-        return pad(measured), pad(np.where(informative, 1.0 / sd, 0.0))
-
-    force, force_weight = channel(recording.model_channels[0], force_sd)
-    diameter, diameter_weight = channel("diameter", diameter_sd)
-    pressure = np.where(usable, recording.pressure, 0.0)
-    length = np.where(usable, recording.length, case.muscle_toml.rest_length.value)
-    return PaddedRows(
-        # The last state is repeated, because a model with memory may run through the recording twice.
-        pressure=pad(pressure, pressure[-1]),
-        length=pad(length, length[-1]),
-        force=force,
-        diameter=diameter,
-        force_weight=force_weight,
-        diameter_weight=diameter_weight,
-        length_level=pad(assign_length_levels(recording).clip(min=0), 0),
-        is_slack=pad(find_slack_samples(case), False),
-        training_mask=pad(usable.astype(float)),
-        set_force=pad(np.nan_to_num(recording.force)) if recording.measures_length else None,
-    )
-
-
-def estimate_starting_sd(case: Case) -> tuple[float, float]:
-    """Return the standard deviations of force (N), or a measured length (m), and diameter (m) at the start.
-
-    Each is the stated sd of the sensor. Without one, it is one percent of the channel's range. This sets the
-    weights of the first fit, and is then replaced by the rms residual.
-    """
-    first, diameter = (
-        stated or _compute_one_percent(getattr(case.recording, name))
-        for name, stated in zip(case.recording.model_channels, get_stated_sds(case), strict=True)
-    )
-    return first, diameter
-
-
-def get_stated_sds(case: Case) -> tuple[float | None, float | None]:
-    """Return the stated noise of force, or of a measured length, and of diameter, SI; None if not stated."""
-    sensors = case.muscle_toml.sensors
-    return sensors.length if case.recording.measures_length else sensors.force, sensors.diameter
-
-
-def _compute_one_percent(channel: np.ndarray) -> float:
-    measured = channel[np.isfinite(channel)]
-    value_range = float(np.ptp(measured)) if measured.size > 1 else 0.0
-    return 0.01 * value_range or 1.0
+    n = case.recording.n
+    return CaseRows.from_case(case).pad(slice(0, n), size or _compute_padded_size(n))

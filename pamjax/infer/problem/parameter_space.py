@@ -92,6 +92,8 @@ class ParameterSpace(eqx.Module):
         linear_position = (value - self.low) / (self.high - self.low)
         return jnp.where(log, jnp.log(safe / low) / jnp.log(high / low), linear_position)
 
+    # Compiled together: each operation alone is a program to load.
+    @eqx.filter_jit
     def to_values(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
         """Return the values, SI, at coordinates u."""
         position = jax.nn.sigmoid(self.origin + u * self.width)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pamjax.infer.problem.dataset import find_informative_samples, find_slack_samples
+from pamjax.infer.problem.informative_samples import find_informative_samples, find_slack_samples
 from pamjax.records.case import Case
 
 

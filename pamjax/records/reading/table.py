@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Mapping
 
 import numpy as np
 
 from pamjax.errors import BadInput, format_printable
-from pamjax.records.files import decode_text
-from pamjax.records.quotation_marks import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
+from pamjax.records.quotation_marks import MAX_CELL_CHARACTERS
 from pamjax.records.reading.header import Column, find_columns
+from pamjax.records.reading.number_table import NumberTable, read_number_table
 from pamjax.records.reading.outliers import remove_outliers
+from pamjax.records.reading.text_table import NUMBER_PATTERN, TextTable, read_text_table
 from pamjax.records.recording import MAX_CYCLE, Recording
 from pamjax.units import MAGNITUDE_LIMITS, format_quantity, is_representable
 
-_NUMBER_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
-#: Numbers or blanks, each in one line. Without atomic groups, a wrong cell takes exponential time.
-_COLUMN_PATTERN = re.compile(rf"(?>(?>{_NUMBER_PATTERN.pattern})?\n)*+", re.ASCII)
 _DECIMAL_COMMA_PATTERN = re.compile(r"[+-]?\d+,\d+")
 _BLANK_MARKS = {"nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "?"}
 
@@ -49,22 +46,22 @@ def parse_table(
         measures_length: whether the force is set and the length is measured.
         load: N, the set force of every row without a column of force; None for 0 N.
     """
-    header, lines, cells = _split_cells(decode_text(raw, file), file)
+    table = read_number_table(raw) or read_text_table(raw, file)
     known_columns, unknown_headers = find_columns(
-        header, columns, file, default_length is not None, measures_length
+        table.header, columns, file, default_length is not None, measures_length
     )
-    locate = _RowLocator(file, lines)
-    values = {name: _parse_column(column, cells, locate) for name, column in known_columns.items()}
+    locate = _RowLocator(file, table.rows)
+    values = {name: _parse_column(column, table, locate) for name, column in known_columns.items()}
     if measures_length and load is not None and "force" in known_columns:
         _check_load(values["force"], load, known_columns["force"], locate)
     recording = Recording.from_arrays(
         pressure=values["pressure"],
         length=values.get("length", default_length if default_length is not None else np.nan),
-        force=values.get("force", np.full(len(lines), load or 0.0) if measures_length else None),
+        force=values.get("force", np.full(len(table.rows), load or 0.0) if measures_length else None),
         diameter=values.get("diameter"),
         time=_check_times(values.get("time"), known_columns, locate),
         cycle=_check_cycles(values.get("cycle"), locate),
-        row=lines,
+        row=table.rows,
         measures_length=measures_length,
     )
     for name in ("length", "diameter"):
@@ -81,88 +78,30 @@ def parse_table(
 class _RowLocator:
     """Location of a row and a column, for error messages."""
 
-    def __init__(self, file: str, lines: list[int]) -> None:
+    def __init__(self, file: str, rows: np.ndarray) -> None:
         self.file = file
-        self.lines = lines
+        self.rows = rows
 
     def __call__(self, index: int, column: str = "") -> str:
-        row = f"row {self.lines[index]} of {self.file}"
+        row = f"row {self.rows[index]} of {self.file}"
         return f"column `{column}`, {row}" if column else row
 
 
-def _split_cells(text: str, file: str) -> tuple[list[str], list[int], list[list[str]]]:
-    """Return the header, line number of each row, and each row's cells, without comments and blank lines."""
-    # A comment may contain any characters.
-    content = [line if not line.lstrip().startswith("#") else "\n" for line in split_lines(text)]
-    titles = next((line for line in content if line.strip(" ,\t\r\n")), "")
-    check_line_lengths(content, file)
-    check_quotes(content, file, ",", titles)
-    rows = list(enumerate(csv.reader(content), 1))
-    rows = [(line, cells) for line, cells in rows if "".join(cells).strip()]
-    rows = [(line, cells) for line, cells in rows if not cells[0].lstrip().startswith("#")]
-    if not rows:
-        raise BadInput.from_rule(
-            f"{file} must contain a recording",
-            "an empty file",
-            remedy="Write a header, and one row for each sample.",
-        )
-    header = rows[0][1]
-    _check_separator(header, file)
-    if len(rows) == 1:
-        got, remedy = "a header without rows", "Write one row for each sample."
-        raise BadInput.from_rule(f"{file} must contain a recording", got, remedy=remedy)
-    while (
-        len(header) > 1 and not header[-1].strip() and not any("".join(r[1][len(header) - 1 :]) for r in rows)
-    ):
-        header = header[:-1]
-    cells = [_check_width(header, line, row, file) for line, row in rows[1:]]
-    return header, [line for line, _ in rows[1:]], cells
-
-
-def _check_separator(header: list[str], file: str) -> None:
-    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
-        if mark in ",".join(header) and len(header) <= ",".join(header).count(mark):
-            remedy = "Save it with commas between cells and with decimal points, or use `pamjax import`."
-            raise BadInput.from_rule(
-                f"the cells of {file} must be separated by commas", name, "the header", remedy
-            )
-
-
-def _check_width(header: list[str], line: int, row: list[str], file: str) -> list[str]:
-    if len(row) == len(header):
-        return row
-    if len(row) > len(header) and not "".join(row[len(header) :]).strip():
-        return row[: len(header)]
-    surplus_remedy = "Replace decimal commas by points: 0.5, not 0,5."
-    remedy = surplus_remedy if len(row) > len(header) else "Write a comma also for a blank cell."
-    got = f"{len(row)} cells"
-    raise BadInput.from_rule(
-        f"each row must have as many cells as the header ({len(header)})",
-        got,
-        f"row {line} of {file}",
-        remedy,
-    )
-
-
-def _parse_column(column: Column, cells: list[list[str]], locate: _RowLocator) -> np.ndarray:
+def _parse_column(column: Column, table: NumberTable | TextTable, locate: _RowLocator) -> np.ndarray:
     """Return the column in SI, (n,), NaN where its cell is blank."""
-    texts = [row[column.index].strip() for row in cells]
-    lines = "\n".join([*texts, ""])
-    # A quoted cell may have several lines.
-    if lines.count("\n") == len(texts) and _COLUMN_PATTERN.fullmatch(lines):
-        values = np.array([text or "nan" for text in texts], dtype=float)
-        with np.errstate(over="ignore"):
-            is_wrong = ~np.isnan(values) & np.logical_not(is_representable(values * column.factor))
-    else:
-        values = np.full(len(texts), np.nan)
-        is_wrong = np.array([bool(text) for text in texts])
+    values, is_blank = table.read_numbers(column.index)
+    with np.errstate(over="ignore"):
+        # In place, because a long recording has large columns; no other column needs these numbers.
+        values *= column.factor
+    is_wrong = ~is_blank & np.logical_not(is_representable(values))
     for i in np.flatnonzero(is_wrong):
-        values[i] = _parse_cell(texts[i], column, locate, int(i))
-    return values * column.factor
+        text = table.read_text(int(i), column.index)
+        values[i] = _parse_cell(text, column, locate, int(i)) * column.factor
+    return values
 
 
 def _parse_cell(text: str, column: Column, locate: _RowLocator, i: int) -> float:
-    value = float(text) if _NUMBER_PATTERN.fullmatch(text) else np.nan
+    value = float(text) if NUMBER_PATTERN.fullmatch(text) else np.nan
     if np.isfinite(value) and is_representable(value * column.factor):
         return value
     if np.isfinite(value):

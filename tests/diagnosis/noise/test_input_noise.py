@@ -39,6 +39,9 @@ class Spring(eqx.Module):
 
     rows: Set
 
+    def without_filters(self):
+        return self
+
     def build_muscle(self, values):
         return lambda pressure, length: MuscleReading(STIFF * length, length, length, length, length, length)
 

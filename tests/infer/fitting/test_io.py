@@ -4,6 +4,7 @@ import json
 import pickle
 from html import escape
 
+import h5netcdf
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import xarray as xr
 
 from pamjax.errors import BadInput
 from pamjax.infer.fitting.fit import fit
-from pamjax.infer.fitting.io import FIT_SCHEMA, build_fit_document, save
+from pamjax.infer.fitting.io import FIT_SCHEMA, build_fit_document, build_xarray_dataset, save
 from pamjax.infer.fitting.load import load_muscle
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.muscle import predict
@@ -117,6 +118,20 @@ def test_every_row_is_saved_with_its_unit(fitted, written):
         np.testing.assert_array_equal(data["force_unseen"], case_fit.held_out_prediction["force"])
 
 
+def test_netcdf_file_is_that_of_xarray(fitted, written, tmp_path):
+    expected = build_xarray_dataset(fitted.cases[0])
+    expected.to_netcdf(tmp_path / "xarray.nc", engine="h5netcdf")
+    with (
+        xr.open_dataset(written / "fit.nc", engine="h5netcdf") as ours,
+        xr.open_dataset(tmp_path / "xarray.nc", engine="h5netcdf") as theirs,
+    ):
+        xr.testing.assert_identical(ours.load(), theirs.load())
+        for name in theirs.variables:
+            assert ours[name].dtype == theirs[name].dtype
+            fills = [data[name].encoding.get("_FillValue") for data in (ours, theirs)]
+            assert fills[0] is fills[1] is None or np.isnan(fills).all()
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -159,7 +174,7 @@ def test_interrupted_save_leaves_no_partial_file(fitted, tmp_path, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(xr.Dataset, "to_netcdf", interrupted)
+    monkeypatch.setattr(h5netcdf.File, "create_variable", interrupted)
     with pytest.raises(KeyboardInterrupt):
         save(fitted, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["fit.json"]

@@ -11,7 +11,8 @@ import pytest
 from pamjax.infer.fitting.fit import fit
 from pamjax.infer.fitting.identifiability import check_identifiability
 from pamjax.infer.fitting.io import build_fit_document, build_xarray_dataset
-from pamjax.infer.problem.dataset import build_history, find_informative_samples
+from pamjax.infer.problem.dataset import build_history
+from pamjax.infer.problem.informative_samples import find_informative_samples
 from pamjax.model.assembly import assemble_bench
 from pamjax.model.isotonic import predict_length
 from pamjax.records.dataframe import case_from

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from pamjax.errors import BadInput
-from pamjax.infer.fitting.build_result import compute_sd_and_correlation
+from pamjax.infer.fitting.covariance import compute_sd_and_correlation
 from pamjax.infer.posterior.compare import compare
 from pamjax.infer.posterior.io import build_posterior_document, save_posterior
 from pamjax.infer.posterior.predictive import predict_channels
@@ -58,7 +58,7 @@ def test_posterior_agrees_with_least_squares():
     }
     post = sample(fit, priors=priors, **QUICK)
     problem = build_profile_problem(fit, post.density.space)
-    sd, _ = compute_sd_and_correlation(problem.solution)
+    sd, _ = compute_sd_and_correlation(problem.solution.total_information, problem.solution.slope)
     for k, (value, own_sd) in enumerate(zip(problem.values, sd, strict=True)):
         m, ess = post.marginals[post.names[k]], post.convergence.ess[k]
         assert ess > ENOUGH

@@ -3,13 +3,16 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
+import pytest
 
 from pamjax.infer.fitting.joint_space import build_joint_space
-from pamjax.infer.problem.dataset import (
+from pamjax.infer.problem.dataset import build_dataset
+from pamjax.infer.problem.informative_samples import (
     MAX_SLACK_FORCE_SHARE,
-    build_dataset,
     find_informative_samples,
     find_slack_samples,
+    has_median_below,
 )
 from pamjax.infer.problem.priors import collect_mechanism_values, list_free_parameters
 from pamjax.model.assembly import list_mechanism_parameters
@@ -130,3 +133,15 @@ def test_offset_of_the_load_cell_is_estimated_from_slack_rows():
     assert loose.sum() > 20
     # The load cell reads its offset without load: neither a negative force nor zero.
     np.testing.assert_allclose(shown[loose], -20.0)
+
+
+@pytest.mark.parametrize("width", [1, 2, 4, 7, 15])
+def test_median_of_neighbours_is_that_of_pandas(width):
+    random = np.random.default_rng(width)
+    force = np.where(random.uniform(size=400) < 0.2, np.nan, random.normal(size=400).round(1))
+    force[150:250] += 2.0
+    medians = pd.Series(force).rolling(width, center=True, min_periods=1).median().to_numpy()
+    for threshold in (-0.3, 0.05, 1.0):
+        is_below = has_median_below(force, threshold, width)
+        np.testing.assert_array_equal(is_below, medians < threshold)
+        assert 0 < is_below.sum() < force.size

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pamjax.infer.problem.dataset import count_informative_samples
+from pamjax.infer.problem.informative_samples import count_informative_samples
 from pamjax.infer.problem.row_counts import describe_unused_rows
 from pamjax.records.recording import Recording
 from tests.infer.made import made
