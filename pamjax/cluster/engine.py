@@ -1,8 +1,7 @@
-"""Run tasks on Dask distributed: few cases in flight, and worker deaths counted.
+"""Run tasks on Dask distributed: few in flight, worker deaths counted, each outcome reported at once.
 
-The client keeps the queue and submits as many cases as there are worker threads. The scheduler therefore
-holds few of them, and a worker that dies loses the task it ran and no other. A worker runs all tasks of a
-case without asking the client in between, which halves the overhead of a short task.
+The client keeps the queue and submits as many tasks as there are worker threads. The scheduler therefore
+holds few tasks, and a worker that dies loses the task it ran and no other.
 """
 
 from __future__ import annotations
@@ -41,14 +40,14 @@ _WAIT_STEP = 1.0
 
 @dataclass(frozen=True)
 class TaskChain:
-    """Open tasks of one case, in order, for one worker; a task starts after the one before is done."""
+    """Open tasks of one case, in order; a task starts after the one before is done."""
 
     tasks: tuple[FleetTask, ...]
 
 
 @dataclass
 class _Flight:
-    """A submitted chain, and the deaths of the workers that ran its first task."""
+    """A submitted task, the rest of its chain, and the deaths of its workers."""
 
     chain: TaskChain
     deaths: int = 0
@@ -56,22 +55,6 @@ class _Flight:
     @property
     def task(self) -> FleetTask:
         return self.chain.tasks[0]
-
-
-def run_in_order(work: Work, chain: TaskChain, timeout: float | None) -> list[TaskOutcome]:
-    """Run the tasks of a chain in a worker until one is not done, and return their outcomes.
-
-    Args:
-        work: function that runs a task.
-        chain: the tasks.
-        timeout: time limit of each task, s; None for no limit.
-    """
-    outcomes: list[TaskOutcome] = []
-    for task in chain.tasks:
-        outcomes.append(work(task, timeout))
-        if outcomes[-1].state != DONE:
-            break
-    return outcomes
 
 
 class TaskEngine:
@@ -105,7 +88,7 @@ class TaskEngine:
 
         Args:
             chains: the chains, in the order of their start.
-            on_outcome: called for each task, when the tasks of its case have ended.
+            on_outcome: called after each task.
             on_wait: called about once a second.
 
         Raises:
@@ -116,13 +99,14 @@ class TaskEngine:
             while waiting or self.flights:
                 while waiting and len(self.flights) < self._count_workers():
                     self._submit(waiting.popleft())
-                flight, outcomes = self._wait_for_outcomes(on_wait)
-                for task, outcome in zip(flight.chain.tasks, outcomes, strict=False):
-                    on_outcome(task, outcome)
-                if all(outcome.state == DONE for outcome in outcomes):
-                    rest = flight.chain.tasks[len(outcomes) :]
-                    if rest:
-                        waiting.append(_Flight(TaskChain(rest), flight.deaths))
+                flight, outcome = self._wait_for_outcome(on_wait)
+                if outcome is None:
+                    waiting.append(flight)
+                    continue
+                on_outcome(flight.task, outcome)
+                rest = flight.chain.tasks[1:]
+                if rest and outcome.state == DONE:
+                    waiting.appendleft(_Flight(TaskChain(rest)))
         finally:
             self.client.cancel([future for future, _ in self.flights.values()], force=True)
             self.flights.clear()
@@ -131,13 +115,12 @@ class TaskEngine:
         # Two cases with equal files have equal names of their tasks: the number keeps them apart.
         self.submitted += 1
         key = f"pamjax-{flight.task.stage}-{flight.task.key}-{self.run_name}-{self.submitted}"
-        words = self.work, flight.chain, self.timeout
-        future = self.client.submit(run_in_order, *words, key=key, pure=False)
+        future = self.client.submit(self.work, flight.task, self.timeout, key=key, pure=False)
         self.flights[key] = future, flight
         future.add_done_callback(lambda future: self.finished.put(future.key))
 
-    def _wait_for_outcomes(self, on_wait: Callable[[], None]) -> tuple[_Flight, list[TaskOutcome]]:
-        """Return the next finished chain and its outcomes in order; those of a dead worker may be few."""
+    def _wait_for_outcome(self, on_wait: Callable[[], None]) -> tuple[_Flight, TaskOutcome | None]:
+        """Return the next finished task with its outcome, or None if it must run again."""
         while True:
             try:
                 key = self.finished.get(timeout=_WAIT_STEP)
@@ -149,7 +132,7 @@ class TaskEngine:
         future, flight = self.flights.pop(key)
         return flight, self._collect(future, flight)
 
-    def _collect(self, future: Future, flight: _Flight) -> list[TaskOutcome]:
+    def _collect(self, future: Future, flight: _Flight) -> TaskOutcome | None:
         from distributed import KilledWorker
 
         if future.cancelled():
@@ -163,20 +146,17 @@ class TaskEngine:
             if not isinstance(error, KilledWorker):
                 raise error
             deaths, cause = self.deaths_per_error, "its worker process ended"
-        outcomes = _read_stored_outcomes(flight.chain)
-        if outcomes:
-            # These deaths concern the task after those with an outcome.
-            flight.deaths = 0
-            if outcomes[-1].state != DONE or len(outcomes) == len(flight.chain.tasks):
-                return outcomes
-        task = flight.chain.tasks[len(outcomes)]
-        if not future.cancelled():
-            remove_leftovers(task)
+            remove_leftovers(flight.task)
+        # A task at its time limit stores its outcome before it ends its worker.
+        outcome = read_outcome(flight.task.target, flight.task.key)
+        if outcome.state != OPEN:
+            return outcome
         flight.deaths += deaths
         if flight.deaths < _MAX_DEATHS:
-            return outcomes
+            return None
         hint = "" if future.cancelled() else self.death_hint
-        return [*outcomes, store_set_aside(task, f"{cause} {flight.deaths} times{hint}")]
+        reason = f"{cause} {flight.deaths} times{hint}"
+        return store_set_aside(flight.task, reason)
 
     def _count_workers(self) -> int:
         """Return the number of worker threads, at least one: a cluster may start its workers later."""
@@ -185,16 +165,6 @@ class TaskEngine:
             self.workers = max(sum(threads.values()), 1)
             self.counted_at = time.monotonic()
         return self.workers
-
-
-def _read_stored_outcomes(chain: TaskChain) -> list[TaskOutcome]:
-    """Return the outcomes that a dead worker stored before its end, in order.
-
-    A task at its time limit stores its outcome before it ends its worker.
-    """
-    outcomes = [read_outcome(task.target, task.key) for task in chain.tasks]
-    states = [outcome.state for outcome in outcomes]
-    return outcomes[: states.index(OPEN)] if OPEN in states else outcomes
 
 
 def _read_allowed_failures(client: Client) -> int:

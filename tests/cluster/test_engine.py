@@ -84,13 +84,6 @@ def test_case_that_kills_its_worker_once_is_repeated(client, chains):
     assert all(list_states(outcomes, name) == ["done", "done"] for name in NAMES)
 
 
-def test_stage_that_kills_its_worker_leaves_the_stage_before_it(client, chains):
-    outcomes = run(client, chains, works.kill_worker_in_fit)
-    assert list_states(outcomes, "poison") == ["done", "set aside"]
-    assert chains[2].tasks[0].folder.joinpath("deaths.txt").read_text() == "xx"
-    assert all(list_states(outcomes, name) == ["done", "done"] for name in NAMES if name != "poison")
-
-
 def test_task_above_its_time_limit_is_set_aside(client, chains):
     begin = time.monotonic()
     outcomes = run(client, chains, works.exceed_time, timeout=0.5)

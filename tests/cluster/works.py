@@ -35,11 +35,6 @@ def kill_worker_once(task, timeout=None):
     return finish(task)
 
 
-def kill_worker_in_fit(task, timeout=None):
-    """Kill the worker of the case "poison" in its second stage."""
-    return finish(task) if task.stage == "check" else kill_worker(task)
-
-
 def exceed_time(task, timeout=None):
     """Sleep longer than the time limit in the case "poison"."""
     with limit_time(task, timeout):
