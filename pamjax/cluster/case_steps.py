@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import shlex
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pamjax.errors import BadInput
+from pamjax.fleet.plan import ReferenceModel
 from pamjax.records.case import Case, read_case
 from pamjax.records.files import read_bytes
 
@@ -118,11 +120,25 @@ def run_validate(case: Case, out: Path, settings: dict[str, Any], file: Path) ->
     from pamjax.infer.fitting.load import load_muscle
 
     if hashlib.sha256(read_bytes(file)).hexdigest() != settings["checksum"]:
-        raise BadInput.from_rule(f"{file} changed after the run began", remedy="Start the fleet again.")
+        # This is no fault of the case: as an error of the disk, it ends the run.
+        raise OSError(errno.ESTALE, "another program changed the copy of the model", str(file))
     model = load_muscle(file, case=settings["case"])
     validation = validate(model, case, read_training_checksums(file))
     text = json.dumps(validation.as_dict(), indent=1, allow_nan=False) + "\n"
     (out / _VALIDATION_FILE).write_text(text, "utf-8")
+
+
+def check_model(model: ReferenceModel) -> None:
+    """Check that a model can be tested, before the first case.
+
+    Raises:
+        BadInput: as `load_muscle`.
+    """
+    from pamjax.diagnosis.validate import read_training_checksums
+    from pamjax.infer.fitting.load import load_muscle
+
+    load_muscle(model.file, case=model.case)
+    read_training_checksums(model.file)
 
 
 #: Function of each stage that needs the case alone.

@@ -135,7 +135,9 @@ def read_training_checksums(file: Path) -> frozenset[str]:
     if file.suffix != ".json":
         return frozenset()
     cases = json.loads(read_bytes(file)).get("cases", {})
-    return frozenset(case["checksum"] for case in cases.values() if case.get("checksum"))
+    return frozenset(
+        case["checksum"] for case in cases.values() if isinstance(case, dict) and case.get("checksum")
+    )
 
 
 def validate(

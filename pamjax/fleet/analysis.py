@@ -71,6 +71,7 @@ class FleetAnswers:
         limits: frequency of each parameter that is at its limit.
         unexplained: what remains unexplained.
         validation: test of one model on all recordings.
+        unconverged: names of the recordings whose posterior did not converge.
         copies: groups of cases with identical inputs; the first of each counts.
     """
 
@@ -79,6 +80,7 @@ class FleetAnswers:
     limits: tuple[BenchFrequency, ...]
     unexplained: UnexplainedSummary
     validation: ValidationSummary
+    unconverged: tuple[str, ...] = ()
     copies: tuple[tuple[str, ...], ...] = ()
 
 
@@ -107,24 +109,22 @@ def analyse_fleet(fleet: Fleet) -> FleetAnswers:
         tuple(count_limits(fleet.cases, fleet.numbers)),
         summarise_unexplained(fleet.cases, fleet.regions),
         summarise_validation(fleet.cases),
+        tuple(select_rows(fleet.cases, ~fleet.cases["sample_converged"].fillna(True))["case"]),
         copies,
     )
 
 
 def _list_groups(fleet: Fleet) -> list[_ParameterGroup]:
     """Return the parameters with usable estimates of enough specimens, by type and name."""
-    # A posterior does not state limits, and a diagnosis no priors: they are used in a store without fits.
-    sources = set(fleet.numbers["source"])
-    source = next((name for name in ("fit", "sample", "diagnose") if name in sources), "fit")
-    parameters = select_rows(fleet.numbers, fleet.numbers["source"] == source)
+    parameters = _select_parameters(fleet)
     specimens = index_specimens(fleet.cases)
     positions = {case: k for k, case in enumerate(fleet.cases["case"])}
     parameters = parameters.assign(specimen=[specimens[case] for case in parameters["case"]])
     types = dict(zip(fleet.cases["case"], fleet.cases["type"].fillna(""), strict=True))
     places: dict[tuple[str, str], list[int]] = {}
     for k, (case, name) in enumerate(zip(parameters["case"], parameters["name"], strict=True)):
-        # The error of one length level is no property of a specimen.
-        if not name.startswith(LENGTH_ERROR_PREFIX):
+        # Neither the error of one length level nor the noise of a sensor is a property of a specimen.
+        if not name.startswith((LENGTH_ERROR_PREFIX, "noise.")):
             places.setdefault((types[case], name), []).append(k)
     groups = []
     for (kind, name), rows in sorted(places.items()):
@@ -138,6 +138,20 @@ def _list_groups(fleet: Fleet) -> list[_ParameterGroup]:
                 _ParameterGroup(kind, name, unit, case_rows, estimates, shares_prior, unusable_count)
             )
     return groups
+
+
+def _select_parameters(fleet: Fleet) -> pd.DataFrame:
+    """Return the rows of `Fleet.numbers` to compare: of fits, else of posteriors, else of diagnoses.
+
+    A posterior does not state limits, and a diagnosis no priors. Posteriors without convergence are left out.
+    """
+    sources = set(fleet.numbers["source"])
+    source = next((name for name in ("fit", "sample", "diagnose") if name in sources), "fit")
+    parameters = select_rows(fleet.numbers, fleet.numbers["source"] == source)
+    if source != "sample":
+        return parameters
+    converged = set(select_rows(fleet.cases, fleet.cases["sample_converged"])["case"])
+    return select_rows(parameters, [case in converged for case in parameters["case"]])
 
 
 def _build_distribution(group: _ParameterGroup, group_count: int, bench_count: int) -> ParameterDistribution:

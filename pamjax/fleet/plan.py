@@ -51,14 +51,19 @@ class ReferenceModel:
     """Model that the stage validate tests on every case.
 
     Attributes:
-        file: absolute path of a model.json or fit.json.
+        file: path of a model.json or fit.json.
         case: name of the case, if the file has several.
-        checksum: SHA-256 of the file.
+        content: bytes of the file.
     """
 
     file: Path
     case: str | None
-    checksum: str
+    content: bytes = field(repr=False)
+
+    @property
+    def checksum(self) -> str:
+        """Return the SHA-256 of the file."""
+        return hashlib.sha256(self.content).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -145,7 +150,11 @@ def _build_plan(
     settings = {key: changes.get(key, getattr(document, key)) for key in ("seed", "figures", "report")}
     stated = document.validate_
     if "model" in changes:
-        stated = ValidateTable(model=os.path.abspath(changes["model"]))
+        if "validate" not in wanted:
+            remedy = "Add it to `--stage`."
+            raise BadInput.from_rule("`--model` needs the stage validate", remedy=remedy)
+        case = stated.case if stated else None
+        stated = ValidateTable(model=os.path.abspath(changes["model"]), case=case)
     return FleetPlan(
         name=document.name,
         folder=folder,
@@ -163,8 +172,11 @@ def _find_model(stated: ValidateTable | None, place: Path, file: str) -> Referen
     if stated is None:
         remedy = "State `model` in [validate] of FLEET.toml, or name it with `--model`."
         raise BadInput.from_rule("the stage validate needs a model.json or fit.json", "", file, remedy)
-    path = Path(os.path.abspath(place / stated.model))
-    return ReferenceModel(path, stated.case, hashlib.sha256(read_bytes(path)).hexdigest())
+    path = place / stated.model
+    if path.suffix != ".json" or "\0" in stated.model:
+        rule = "`model` must be the path of a model.json or fit.json"
+        raise BadInput.from_rule(rule, repr(stated.model), file, "A fit or a diagnosis writes it.")
+    return ReferenceModel(path, stated.case, read_bytes(path))
 
 
 def _check_apart(case_folders: Sequence[Path]) -> None:

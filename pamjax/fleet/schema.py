@@ -12,9 +12,10 @@ from pamjax.records.reading.specimen import Specimen, read_date, read_label
 from pamjax.records.reading.toml_errors import format_input, format_rule
 from pamjax.records.toml_text import parse_toml
 
-Stage = Literal["check", "fit", "sample", "diagnose", "validate"]
-#: Stages in the order in which a case runs through them.
-STAGES: tuple[Stage, ...] = ("check", "fit", "sample", "diagnose", "validate")
+Stage = Literal["check", "fit", "diagnose", "validate", "sample"]
+#: Stages in the order in which a case runs through them. Each starts after those before it are done, and
+#: `sample` is last: it takes the longest, and no other stage uses it.
+STAGES: tuple[Stage, ...] = ("check", "fit", "diagnose", "validate", "sample")
 #: Stages of a fleet that states none.
 DEFAULT_STAGES: tuple[Stage, ...] = ("check", "fit", "diagnose")
 
@@ -69,9 +70,9 @@ class SampleTable(_FleetTable):
     """[sample]: options of `pamjax sample` for every case; law and mechanisms are those of [fit]."""
 
     sampler: Literal["emcee", "nuts"] = "emcee"
-    ess: Annotated[float, Field(gt=0)] = 1000.0
-    rhat: Annotated[float, Field(gt=1)] = 1.01
-    max_draws: Annotated[int, Field(ge=1)] = 20_000
+    ess: Annotated[float, Field(ge=1, allow_inf_nan=False)] = 1000.0
+    rhat: Annotated[float, Field(gt=1, allow_inf_nan=False)] = 1.01
+    max_draws: Annotated[int, Field(ge=100)] = 20_000
 
 
 class ValidateTable(_FleetTable):

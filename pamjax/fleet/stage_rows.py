@@ -54,6 +54,8 @@ def _read_validation(case: str, document: dict[str, Any], rows: Rows) -> dict[st
     row = {
         "validation_blocks": len(document["blocks"]),
         "validation_blocks_within_noise": sum(block["fits"] for block in document["blocks"]),
+        "validation_failed_rows": document["failed"],
+        "validation_seen": document["seen"],
     }
     for channel, column in (("force", "force_validation_N"), ("diameter", "diameter_validation_mm")):
         if channel in document["rmse"]:

@@ -1,6 +1,7 @@
 """The store of a fleet: a folder with the results of each case.
 
     fleet.json                  cases, settings and versions of the last run
+    model.json                  model that `validate` tests
     cases/NAME/STAGE/           files of `pamjax check`, `fit`, `sample`, `diagnose` or `validate`
     cases/NAME/STAGE/task.json  name and outcome of the task
     cases/NAME/STAGE/time.json  computing time; the only file that differs between equal runs
@@ -29,6 +30,8 @@ from pamjax.records.files import write_atomically
 
 _FLEET_SCHEMA = "pamjax.fleet/1"
 _FLEET_FILE, _TASK_FILE, _TIME_FILE, ERROR_FILE = "fleet.json", "task.json", "time.json", "error.txt"
+#: Copy of the model that the stage validate tests, for the workers.
+_MODEL_FILE = "model.json"
 #: File that a running fleet locks.
 LOCK_FILE = ".lock"
 
@@ -72,7 +75,10 @@ class FleetStore:
 
     def list_tasks(self, plan: FleetPlan, case: FleetCase) -> list[FleetTask]:
         """Return the tasks of a case in their order."""
-        return [build_task(plan, case, stage, self.locate_stage(case.name, stage)) for stage in plan.stages]
+        model = self.folder / _MODEL_FILE
+        return [
+            build_task(plan, case, stage, self.locate_stage(case.name, stage), model) for stage in plan.stages
+        ]
 
     def prepare(self) -> None:
         """Create the folder if it does not exist; change no file of a store.
@@ -86,7 +92,10 @@ class FleetStore:
         self.folder.mkdir(parents=True, exist_ok=True)
 
     def write_plan(self, plan: FleetPlan) -> None:
-        """Write fleet.json to a prepared folder that no other run has locked."""
+        """Write fleet.json and the tested model to a prepared folder that no other run has locked."""
+        if plan.model is not None:
+            with write_atomically(self.folder / _MODEL_FILE) as temporary:
+                temporary.write_bytes(plan.model.content)
         document = {
             "schema": _FLEET_SCHEMA,
             "name": plan.name,
@@ -216,7 +225,8 @@ def _serialise_tables(plan: FleetPlan) -> dict[str, Any]:
     if "sample" in plan.stages:
         tables["sample"] = plan.sample.model_dump()
     if plan.model is not None:
-        tables["validate"] = {"case": plan.model.case, "checksum": plan.model.checksum}
+        model = plan.model
+        tables["validate"] = {"model": model.file.name, "case": model.case, "checksum": model.checksum}
     return tables
 
 

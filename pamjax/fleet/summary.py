@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -43,9 +43,10 @@ def list_findings(answers: FleetAnswers) -> list[str]:
         *(line for distribution in answers.distributions for line in format_outliers(distribution)),
         *(line for distribution in answers.distributions for line in _format_drift(distribution)),
         *_format_unexplained(answers),
-        *_format_validation(answers),
+        *_format_missed_validations(answers),
     ]
     findings = findings or [_format_quiet_result(answers)]
+    findings += [*_format_unconverged(answers), *_format_passed_validations(answers)]
     return [*findings, *map(_format_copies, answers.copies)]
 
 
@@ -139,17 +140,39 @@ def _format_unexplained(answers: FleetAnswers) -> Iterator[str]:
         )
 
 
-def _format_validation(answers: FleetAnswers) -> Iterator[str]:
+def _format_missed_validations(answers: FleetAnswers) -> Iterator[str]:
     """Yield a sentence about the recordings that the tested model does not predict."""
     missed, total = answers.validation.missed, answers.validation.total
     if missed:
-        names = join_words(missed[:_MAX_NAMED_SPECIMENS])
-        rest = len(missed) - _MAX_NAMED_SPECIMENS
-        tail = f" and {rest} more" if rest > 0 else ""
         yield (
             f"The tested model has errors above the noise in {len(missed)} of"
-            f" {format_count(total, 'recording')}: {names}{tail}."
+            f" {format_count(total, 'recording')}: {_list_first(missed)}."
         )
+
+
+def _format_passed_validations(answers: FleetAnswers) -> Iterator[str]:
+    """Yield a sentence if the tested model predicts every recording."""
+    missed, total = answers.validation.missed, answers.validation.total
+    if total and not missed:
+        recordings = "the recording" if total == 1 else f"all {total} recordings"
+        yield f"The tested model predicts {recordings} to the noise."
+
+
+def _format_unconverged(answers: FleetAnswers) -> Iterator[str]:
+    """Yield a sentence about posteriors that are not reliable."""
+    if answers.unconverged:
+        count = format_count(len(answers.unconverged), "posterior")
+        yield f"{count} did not converge: {_list_first(answers.unconverged)}."
+
+
+def _list_first(names: Sequence[str]) -> str:
+    """Return the first names of a list as text.
+
+    >>> _list_first(["a", "b"]), _list_first(["a", "b", "c", "d", "e", "f", "g"])
+    ('a and b', 'a, b, c, d, e and 2 more')
+    """
+    rest = len(names) - _MAX_NAMED_SPECIMENS
+    return join_words([*names[:_MAX_NAMED_SPECIMENS], *([f"{rest} more"] if rest > 0 else [])])
 
 
 def format_distribution(distribution: ParameterDistribution) -> str:

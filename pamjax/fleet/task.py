@@ -15,6 +15,7 @@ import pamjax
 from pamjax.fleet.plan import FleetCase, FleetPlan
 
 #: Packages whose versions are part of a task's name, besides Python's.
+_SAMPLER_PACKAGES = {"emcee": "emcee", "nuts": "blackjax"}
 _NUMERIC_PACKAGES = ("pamjax", "jax", "jaxlib", "numpy", "scipy", "optimistix")
 
 
@@ -30,7 +31,7 @@ class FleetTask:
         stage: command to run.
         checksum: SHA-256 of the inputs.
         settings: settings of the stage.
-        model: file of the model that the stage validate tests.
+        model: copy of the model that the stage validate tests, in the store.
     """
 
     key: str
@@ -43,8 +44,17 @@ class FleetTask:
     model: Path | None = None
 
 
-def build_task(plan: FleetPlan, case: FleetCase, stage: str, target: Path) -> FleetTask:
+def build_task(
+    plan: FleetPlan, case: FleetCase, stage: str, target: Path, model: Path | None = None
+) -> FleetTask:
     """Return the task of a stage of a case.
+
+    Args:
+        plan: the plan.
+        case: the case.
+        stage: command to run.
+        target: folder of the results.
+        model: file of the model that the stage validate tests.
 
     >>> from pamjax.records.reading.specimen import Specimen
     >>> case = FleetCase("a", Path("a"), Specimen(), "12")
@@ -58,11 +68,17 @@ def build_task(plan: FleetPlan, case: FleetCase, stage: str, target: Path) -> Fl
         "stage": stage,
         "inputs": case.checksum,
         "settings": settings,
-        "versions": collect_task_versions(),
+        "versions": _list_versions(settings),
     }
     key = hashlib.sha256(json.dumps(name, sort_keys=True).encode()).hexdigest()
-    model = plan.model.file if plan.model and stage == "validate" else None
+    model = model if stage == "validate" else None
     return FleetTask(key, case.name, case.folder, target, stage, case.checksum, settings, model)
+
+
+def _list_versions(settings: dict[str, Any]) -> dict[str, str]:
+    """Return the versions of a stage: those of all stages, and of its sampler."""
+    package = _SAMPLER_PACKAGES.get(settings.get("sampler", ""))
+    return collect_task_versions() | ({package: version(package)} if package else {})
 
 
 def _list_settings(plan: FleetPlan, stage: str) -> dict[str, Any]:
@@ -94,5 +110,5 @@ def collect_task_versions() -> dict[str, str]:
 
 def describe_task(task: FleetTask) -> dict[str, Any]:
     """Return the task as a JSON document, without the paths of this machine."""
-    entries = asdict(task) | {"versions": collect_task_versions()}
+    entries = asdict(task) | {"versions": _list_versions(task.settings)}
     return {name: value for name, value in entries.items() if name not in ("folder", "target", "model")}

@@ -5,8 +5,9 @@ import dataclasses
 import pytest
 
 from pamjax.baselines.comparison import ComparisonSplit
-from pamjax.cluster.case_steps import run_diagnose, run_validate
+from pamjax.cluster.case_steps import check_model, run_diagnose, run_validate
 from pamjax.errors import BadInput
+from pamjax.fleet.plan import ReferenceModel
 from tests.view.made_up import diagnosis
 
 
@@ -28,9 +29,17 @@ def test_isotonic_test_has_a_diagnosis_without_comparison(tmp_path, monkeypatch,
     assert (tmp_path / "gain.json").exists() != is_isotonic
 
 
-def test_validation_of_a_changed_model_is_refused(tmp_path):
+def test_changed_copy_of_the_model_ends_the_run(tmp_path):
     model = tmp_path / "model.json"
     model.write_text("{}")
-    with pytest.raises(BadInput, match=r"model\.json changed after the run began"):
+    with pytest.raises(OSError, match="another program changed the copy of the model"):
         run_validate(diagnosis().problem.case, tmp_path, {"checksum": "0", "case": None}, model)
     assert not (tmp_path / "validation.json").exists()
+
+
+def test_wrong_model_is_refused_before_the_first_case(tmp_path):
+    model = tmp_path / "model.json"
+    for content in (b"{}", b"no JSON", b"[]"):
+        model.write_bytes(content)
+        with pytest.raises(BadInput, match=r"model\.json"):
+            check_model(ReferenceModel(model, None, content))

@@ -157,7 +157,7 @@ FLEET = """\
 name = "pilot series"
 folder = "recordings"
 cases = ["north/*", "south/*"]
-stages = ["check", "fit", "diagnose"]
+stages = ["check", "fit", "diagnose", "validate"]
 seed = 3
 figures = true
 report = false
@@ -321,7 +321,7 @@ def build_fleets() -> tuple[dict[str, str], ...]:
     """Return the fleet above with three cases."""
     cases = {f"recordings/{name}/muscle.toml": MUSCLE for name in ("north/a", "north/b", "south/c")}
     tables = {name.replace("muscle.toml", "recording.csv"): "pressure [kPa]\n" for name in cases}
-    return ({"fleet.toml": FLEET, **cases, **tables},)
+    return ({"fleet.toml": FLEET, "model.json": "{}", **cases, **tables},)
 
 
 def build_specifications() -> tuple[dict[str, str], ...]:

@@ -90,7 +90,7 @@ def test_task_is_named_by_inputs_and_settings(bench):
         ("stage = 1", "unknown entry `stage` (FLEET.toml). Did you mean `stages`?"),
         (
             'stages = ["fti"]',
-            '`stages` must be "check", "fit", "sample", "diagnose" or "validate"; got \'fti\' in FLEET.toml.',
+            '`stages` must be "check", "fit", "diagnose", "validate" or "sample"; got \'fti\' in FLEET.toml.',
         ),
         ("stages = []", "`stages` must not be empty"),
         ("seed = -1", "`seed` must be at least 0; got -1 in FLEET.toml."),
@@ -106,6 +106,10 @@ def test_task_is_named_by_inputs_and_settings(bench):
         ('stages = ["validate"]', "the stage validate needs a model.json or fit.json (FLEET.toml)."),
         ('stages = ["validate"]\n[validate]\nmodel = "no.json"', "no.json"),
         ('[validate]\ncase = "a"', "`model` must be stated ([validate] of FLEET.toml)."),
+        ('stages = ["validate"]\n[validate]\nmodel = "a"', "must be the path of a model.json or fit.json"),
+        ('stages = ["validate"]\n[validate]\nmodel = "a\\u0000.json"', "must be the path of a model.json"),
+        ("[sample]\ness = inf", "`ess` must be a finite number; got inf in [sample] of FLEET.toml."),
+        ("[sample]\nmax_draws = 99", "`max_draws` must be at least 100; got 99 in [sample]"),
         ("[sample]\nrhat = 1", "`rhat` must be more than 1; got 1 in [sample] of FLEET.toml."),
         ("[validat]", "Did you mean `validate`?"),
         ("[fit]\nfolds = 1", "`folds` must be at least 2; got 1 in [fit] of FLEET.toml."),
@@ -122,26 +126,53 @@ def test_refused_files(bench, text, message):
 def test_model_of_the_stage_validate_is_part_of_its_name(bench):
     (bench / "model.json").write_text("{}")
     text = 'stages = ["check", "validate"]\n[validate]\nmodel = "model.json"'
+    store = FleetStore(bench / "out")
 
-    def name_tasks():
+    def list_tasks():
         plan = read_plan([write_fleet(bench, text)])
-        return [build_task(plan, plan.cases[0], stage, bench) for stage in plan.stages]
+        return store.list_tasks(plan, plan.cases[0])
 
-    check, validate = name_tasks()
-    assert (check.model, validate.model) == (None, bench / "model.json")
+    check, validate = list_tasks()
+    assert (check.model, validate.model) == (None, bench / "out" / "model.json")
     assert "model" not in describe_task(validate)
     (bench / "model.json").write_text("{ }")
-    assert name_tasks()[0].key == check.key
-    assert name_tasks()[1].key != validate.key
+    assert list_tasks()[0].key == check.key
+    assert list_tasks()[1].key != validate.key
+
+
+def test_store_has_a_copy_of_the_model(bench):
+    (bench / "model.json").write_text("{}")
+    plan = read_plan([bench], stages=["validate"], model=bench / "model.json")
+    store = FleetStore(bench / "out")
+    store.prepare()
+    store.write_plan(plan)
+    (task, *_) = store.list_tasks(plan, plan.cases[0])
+    assert task.model is not None
+    assert task.model.read_text() == "{}"
 
 
 def test_model_of_the_command_line_replaces_that_of_the_file(bench):
     for name in ("model.json", "other.json"):
         (bench / name).write_text("{}")
-    file = write_fleet(bench, '[validate]\nmodel = "model.json"')
+    file = write_fleet(bench, '[validate]\nmodel = "model.json"\ncase = "a"')
     plan = read_plan([file], stages=["validate"], model=bench / "other.json")
     assert plan.model is not None
-    assert plan.model.file == bench / "other.json"
+    assert (plan.model.file, plan.model.case) == (bench / "other.json", "a")
+    with pytest.raises(BadInput, match="`--model` needs the stage validate"):
+        read_plan([file], stages=["check"], model=bench / "other.json")
+
+
+def test_sampler_is_part_of_the_name_of_a_posterior(bench):
+    def name_tasks(sampler):
+        plan = read_plan([write_fleet(bench, f'stages = ["fit", "sample"]\n[sample]\nsampler = "{sampler}"')])
+        tasks = FleetStore(bench / "out").list_tasks(plan, plan.cases[0])
+        return [(task.key, describe_task(task)["versions"]) for task in tasks]
+
+    (fit, fit_versions), (sample, versions) = name_tasks("emcee")
+    assert "emcee" in versions
+    assert "emcee" not in fit_versions
+    assert name_tasks("nuts")[0][0] == fit
+    assert name_tasks("nuts")[1][0] != sample
 
 
 def test_nested_cases_and_missing_paths_are_refused(bench):

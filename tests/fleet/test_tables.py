@@ -1,6 +1,5 @@
 """Tables of a store: rows, missing values, stale files, and the frames of `open_fleet`."""
 
-import dataclasses
 import json
 
 import numpy as np
@@ -155,40 +154,81 @@ def test_values_that_are_not_finite_stay_missing(store):
     assert np.isnan(pamjax.open_fleet(store).numbers["sd"][0])
 
 
-VALIDATION = {"rmse": {"force": 4.2}, "blocks": [{"fits": True}, {"fits": False}]}
-POSTERIOR = {
-    "converged": True,
-    "parameters": {
-        "thread.modulus": {
-            "mean": 81.0, "sd": 0.6, "unit": "GPa", "prior": {"low": 0.0, "value": 100.0, "sd": 9.0},
-        }
-    },
-}  # fmt: skip
+VALIDATION = {"rmse": {"force": 4.2}, "blocks": [{"fits": True}], "failed": 0, "seen": False}
+BLOCKS = [{"fits": True}, {"fits": False}]
 
 
-def test_posteriors_and_validations_have_rows(tmp_path):
-    plan = FleetPlan("made", tmp_path, (), ("sample", "validate"))
-    model = ReferenceModel(tmp_path / "model.json", None, "0")
-    cases = tuple(FleetCase(name, tmp_path / name, Specimen(), name) for name in "ab")
-    plan, store = dataclasses.replace(plan, cases=cases, model=model), FleetStore(tmp_path / "store")
+def build_posterior(value, converged=True):
+    """Return a posterior.json with the modulus of the threads and the noise of the force."""
+    prior = {"low": 0.0, "high": None, "value": 100.0, "sd": 20.0}
+    entries = {"thread.modulus": (value, "GPa"), "noise.force": (value, "N")}
+    parameters = {
+        name: {"mean": mean, "sd": 0.6, "unit": unit, "prior": prior}
+        for name, (mean, unit) in entries.items()
+    }
+    return {"converged": converged, "parameters": parameters}
+
+
+def open_made_fleet(folder, documents):
+    """Return a fleet from pairs of posterior.json and validation.json, by name of the case."""
+    (folder / "model.json").write_text("{}")
+    model = ReferenceModel(folder / "model.json", None, b"{}")
+    cases = tuple(FleetCase(name, folder / name, Specimen(), name) for name in documents)
+    plan = FleetPlan("made", folder, cases, ("validate", "sample"), model=model)
+    store = FleetStore(folder / "store")
     store.prepare()
     store.write_plan(plan)
     for case in cases:
+        posterior, validation = documents[case.name]
         for task in store.list_tasks(plan, case):
-            with open_stage_folder(task) as folder:
-                (folder / "posterior.json").write_text(json.dumps(POSTERIOR))
-                blocks = VALIDATION["blocks"][: 1 if case.name == "a" else 2]
-                (folder / "validation.json").write_text(json.dumps(VALIDATION | {"blocks": blocks}))
-                write_outcome(folder, task, TaskOutcome(task.key, "done"))
-    fleet = pamjax.open_fleet(store.folder)
+            with open_stage_folder(task) as place:
+                (place / "posterior.json").write_text(json.dumps(posterior))
+                (place / "validation.json").write_text(json.dumps(validation))
+                write_outcome(place, task, TaskOutcome(task.key, "done"))
+    return pamjax.open_fleet(store.folder)
+
+
+def test_posteriors_and_validations_have_rows(tmp_path):
+    documents = {
+        "a": (build_posterior(81.0), VALIDATION),
+        "b": (build_posterior(82.0), VALIDATION | {"blocks": BLOCKS}),
+    }
+    fleet = open_made_fleet(tmp_path, documents)
     assert fleet.cases["sample_converged"].tolist() == [True, True]
     assert fleet.cases["validation_blocks"].tolist() == [1, 2]
     assert fleet.cases["validation_blocks_within_noise"].tolist() == [1, 1]
     assert fleet.cases["force_validation_N"].tolist() == [4.2, 4.2]
-    assert float(fleet.to_xarray("sample")["value"][0, 0]) == 81.0
-    answers = analyse_fleet(fleet)
-    assert answers.validation == ValidationSummary(("b",), 2)
-    sentence = "The tested model has errors above the noise in 1 of 2 recordings: b."
-    assert list_findings(answers)[0] == sentence
+    assert fleet.to_xarray("sample")["value"].sel(number="thread.modulus").values.tolist() == [81.0, 82.0]
     with pytest.raises(BadInput, match=r"no file posterior\.nc\. Run `pamjax fleet` with the stage sample"):
         fleet.read_posterior("a")
+
+
+def test_recordings_that_the_model_does_not_predict_are_ranked(tmp_path):
+    validations = {
+        "fitted": {"blocks": BLOCKS[1:], "seen": True},
+        "half": {"blocks": BLOCKS},
+        "all": {"blocks": BLOCKS[1:]},
+        "rows": {"failed": 3},
+        "none": {},
+    }
+    documents = {name: (build_posterior(80.0), VALIDATION | change) for name, change in validations.items()}
+    answers = analyse_fleet(open_made_fleet(tmp_path, documents))
+    assert answers.validation == ValidationSummary(("all", "half", "rows"), 4)
+    sentence = "The tested model has errors above the noise in 3 of 4 recordings: all, half and rows."
+    assert sentence in list_findings(answers)
+
+
+def test_passed_validations_are_reported(tmp_path):
+    documents = {name: (build_posterior(80.0), VALIDATION) for name in "abc"}
+    findings = list_findings(analyse_fleet(open_made_fleet(tmp_path, documents)))
+    assert findings[-1] == "The tested model predicts all 3 recordings to the noise."
+
+
+def test_converged_posteriors_are_compared_without_their_noise(tmp_path):
+    values = {"a": 80.0, "b": 82.0, "c": 84.0, "d": 86.0}
+    documents = {name: (build_posterior(value, name != "d"), VALIDATION) for name, value in values.items()}
+    answers = analyse_fleet(open_made_fleet(tmp_path, documents))
+    (distribution,) = answers.distributions
+    assert distribution.name == "thread.modulus"
+    assert distribution.estimates.names == ("a", "b", "c")
+    assert "1 posterior did not converge: d." in list_findings(answers)

@@ -31,7 +31,7 @@ _MAX_LISTED_CASES = 10
 fleet = App(name="fleet", help_format="plaintext", help_formatter=ParagraphFormatter())
 
 Stages = Annotated[
-    list[Literal["check", "fit", "sample", "diagnose", "validate"]] | None,
+    list[Literal["check", "fit", "diagnose", "validate", "sample"]] | None,
     Parameter(name="--stage", consume_multiple=True, negative=""),
 ]
 
@@ -62,7 +62,7 @@ def run(
     Args:
         sources: a FLEET.toml, a folder of case folders, or case folders and patterns.
         out: folder of the store.
-        stage: commands to run for each case: check, fit, sample, diagnose, validate; by default check, fit
+        stage: commands to run for each case: check, fit, diagnose, validate, sample; by default check, fit
             and diagnose.
         workers: number of worker processes on this machine; by default the number of cores.
         memory: memory limit of a worker, as "4 GB"; by default an equal share of the machine.
@@ -82,6 +82,10 @@ def run(
     _check_options(workers, memory, scheduler, timeout, seed)
     check_writable(out)
     plan = read_plan(sources, stages=stage, seed=seed, figures=figures, report=report, model=model)
+    if plan.model is not None:
+        from pamjax.cluster.case_steps import check_model
+
+        check_model(plan.model)
     store = FleetStore(out)
     store.prepare()
     from pamjax.cli.fleet_progress import show_fleet_progress

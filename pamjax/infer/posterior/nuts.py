@@ -82,9 +82,9 @@ def _run_warmup(
     density: PosteriorDensity, gaussian: GaussianApproximation, x: Float[Array, "c p"], key: Array
 ) -> tuple[Array, Array]:
     """Return positions and step sizes after the warm-up."""
+    blackjax = _import_blackjax()
     from blackjax.optimizers.dual_averaging import dual_averaging
 
-    blackjax = _import_blackjax()
     value, identity = _build_log_density(density, gaussian), jnp.ones(x.shape[1])
     kernel = blackjax.nuts.build_kernel()
     first, update, final = dual_averaging()

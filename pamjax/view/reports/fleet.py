@@ -153,11 +153,24 @@ def _build_case_rows(fleet: Fleet, answers: FleetAnswers) -> list[LinkedRow]:
         name = row["case"]
         cells = ["–" if row[key] is None else str(row[key]) for key in ("bench", "serial", "date")]
         cells += [row["state"], ", ".join(mechanisms.get(name, [])) or "–"]
-        cells += ["yes" if row["unexplained"] else "–", "; ".join(deviations.get(name, [])) or "–"]
+        cells += [
+            "yes" if row["unexplained"] else "–",
+            _format_validation(row),
+            "; ".join(deviations.get(name, [])) or "–",
+        ]
         rows.append(LinkedRow(name, quote(row["report"] or ""), cells))
     if len(rows) > _MAX_TABLE_CASES:
         rows = sorted(rows, key=lambda row: row.name not in deviations)[:_MAX_TABLE_CASES]
     return rows
+
+
+def _format_validation(row: dict[str, Any]) -> str:
+    """Return how many blocks the tested model predicts to the noise."""
+    if row["validation_blocks"] is None:
+        return "–"
+    text = f"{row['validation_blocks_within_noise']} of {row['validation_blocks']}"
+    text += f", {row['validation_failed_rows']} rows failed" if row["validation_failed_rows"] else ""
+    return f"{text} (fitted)" if row["validation_seen"] else text
 
 
 def _format_dash_note(fleet: Fleet) -> str:
@@ -184,7 +197,10 @@ def _describe_settings(fleet: Fleet) -> list[list[str]]:
     settings, versions = fleet.settings["settings"], fleet.settings["versions"]
     rows = [["stages", ", ".join(fleet.settings["stages"])], ["seed", str(settings["seed"])]]
     rows += [
-        [f"fit, {name}", str(value)] for name, value in settings["fit"].items() if value not in (None, [])
+        [f"{stage}, {name}", str(value)]
+        for stage in ("fit", "sample", "validate")
+        for name, value in settings.get(stage, {}).items()
+        if value not in (None, [])
     ]
     return [*rows, *([f"version of {name}", str(value)] for name, value in versions.items())]
 
