@@ -104,12 +104,16 @@ def limit_time(task: FleetTask, timeout: float | None) -> Iterator[None]:
     if timeout is None:
         yield
         return
-    finished = threading.Event()
+    # The lock: a stage that ends at its limit must not be set aside after its results are there.
+    finished, lock = threading.Event(), threading.Lock()
 
     def end_process() -> None:
-        if not finished.wait(timeout):
-            store_set_aside(task, f"it took longer than the time limit of {timeout:g} s", timeout)
-            os._exit(1)
+        if finished.wait(timeout):
+            return
+        with lock:
+            if not finished.is_set():
+                store_set_aside(task, f"it took longer than the time limit of {timeout:g} s", timeout)
+                os._exit(1)
 
     threading.Thread(target=end_process, daemon=True).start()
     # This ends the process also if a computation never lets another thread run.
@@ -117,7 +121,8 @@ def limit_time(task: FleetTask, timeout: float | None) -> Iterator[None]:
     try:
         yield
     finally:
-        finished.set()
+        with lock:
+            finished.set()
         faulthandler.cancel_dump_traceback_later()
 
 
