@@ -39,6 +39,40 @@ def write_pages(_=None):
             page.write_text(text, "utf-8")
 
 
+def draw_gallery(_=None):
+    """Run the code of the gallery, and move its figures to `_generated/gallery`.
+
+    Raises:
+        Exception: any error of the code ends the build.
+    """
+    import os
+    import re
+    import tempfile
+
+    from pamjax.cli.main import main
+    from pamjax.compile.jax_cache import keep_compiled
+
+    keep_compiled()
+    text = (HERE / "gallery.md").read_text("utf-8")
+    fences = re.findall(r"^```(console|python)\n(.*?)^```", text, re.S | re.M)
+    target, former = HERE / "_generated" / "gallery", Path.cwd()
+    target.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "fits").symlink_to(HERE.parent / "fits")
+        os.chdir(folder)
+        try:
+            names = {"__name__": "gallery"}
+            for language, code in fences:
+                if language == "python":
+                    exec(compile(code, "gallery.md", "exec"), names)
+                elif main(code.removeprefix("$ pamjax ").split()):
+                    raise RuntimeError(f"the command of the gallery failed: {code}")
+        finally:
+            os.chdir(former)
+        for figure in Path(folder).glob("*.png"):
+            (target / figure.name).write_bytes(figure.read_bytes())
+
+
 def commands():
     """Return the page of all commands with their options."""
     import inspect
@@ -123,4 +157,5 @@ def mark_example(app, what, name, object, options, lines):
 
 def setup(app):
     app.connect("builder-inited", write_pages)
+    app.connect("builder-inited", draw_gallery)
     app.connect("autodoc-process-docstring", mark_example, priority=100)  # before napoleon

@@ -105,6 +105,10 @@ def test_the_site_builds_without_a_warning(tmp_path):
     assert process.returncode == 0, process.stderr
     pages = {path.name for path in (tmp_path / "site").rglob("*.html")}
     assert {"index.html", "mechanisms.html", "commands.html", "reference.html"} <= pages
+    figures = (DOCS / "_generated" / "gallery").glob("*.png")
+    drawn = re.findall(r"_generated/gallery/([\w-]+\.png)", (DOCS / "gallery.md").read_text("utf-8"))
+    assert {figure.name for figure in figures} == set(drawn)
+    assert len(drawn) >= 10
     assert {"validation.html", "performance.html", "glossary.html"} <= pages
     for page in (tmp_path / "site").rglob("*.html"):
         assert not re.search(r"/tmp/|/home/|/root/", page.read_text("utf-8")), page.name
