@@ -107,18 +107,19 @@ def run_diagnose(case: Case, out: Path, settings: dict[str, Any]) -> None:
         write_diagnosis_report(diagnosis, out / _CASE_REPORT_FILE, command, comparison)
 
 
-def run_validate(case: Case, out: Path, settings: dict[str, Any], file: Path) -> None:
+def run_validate(case: Case, out: Path, settings: dict[str, Any]) -> None:
     """Write validation.json: errors of a model on the case, by block.
 
     Args:
         case: the case.
         out: folder of the stage.
-        settings: "case", the name of the case in the file; "checksum", the SHA-256 of the file.
-        file: path of the model.json or fit.json.
+        settings: "model", the path of the model.json or fit.json; "checksum", its SHA-256; "case", the
+            name of the case in it.
     """
     from pamjax.diagnosis.validate import read_training_checksums, validate
     from pamjax.infer.fitting.load import load_muscle
 
+    file = settings["model"]
     if hashlib.sha256(read_bytes(file)).hexdigest() != settings["checksum"]:
         # This is no fault of the case: as an error of the disk, it ends the run.
         raise OSError(errno.ESTALE, "another program changed the copy of the model", str(file))
@@ -141,12 +142,13 @@ def check_model(model: ReferenceModel) -> None:
     read_training_checksums(model.file)
 
 
-#: Function of each stage that needs the case alone.
+#: Function of each stage.
 STEPS: dict[str, Callable[[Case, Path, dict[str, Any]], None]] = {
     "check": _run_check,
     "fit": _run_fit,
     "sample": _run_sample,
     "diagnose": run_diagnose,
+    "validate": run_validate,
 }
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pamjax.cluster.case_steps import STEPS, read_unchanged_case, run_validate
+from pamjax.cluster.case_steps import STEPS, read_unchanged_case
 from pamjax.errors import BadInput
 from pamjax.fleet.store import (
     DONE,
@@ -81,10 +81,8 @@ def _write_results(task: FleetTask, folder: Path) -> None:
     from pamjax.compile.jax_cache import keep_compiled
 
     keep_compiled()
-    if task.model is not None:
-        run_validate(case, folder, task.settings, task.model)
-    else:
-        STEPS[task.stage](case, folder, task.settings)
+    # The path of the model is no setting of the task: its name must not depend on the place of the store.
+    STEPS[task.stage](case, folder, {**task.settings, "model": task.model})
 
 
 def _shorten(text: str) -> str:

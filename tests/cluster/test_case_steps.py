@@ -32,8 +32,9 @@ def test_isotonic_test_has_a_diagnosis_without_comparison(tmp_path, monkeypatch,
 def test_changed_copy_of_the_model_ends_the_run(tmp_path):
     model = tmp_path / "model.json"
     model.write_text("{}")
+    settings = {"model": model, "checksum": "0", "case": None}
     with pytest.raises(OSError, match="another program changed the copy of the model"):
-        run_validate(diagnosis().problem.case, tmp_path, {"checksum": "0", "case": None}, model)
+        run_validate(diagnosis().problem.case, tmp_path, settings)
     assert not (tmp_path / "validation.json").exists()
 
 
