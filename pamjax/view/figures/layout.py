@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.typing import ColorType
@@ -191,6 +193,24 @@ def draw_band(
     for rows in iterate_lines(case, layout, group, measured_rows):
         x = layout.x[rows]
         if layout.is_connected and rows.size > 1:
-            panel.fill_between(x, low[rows], high[rows], alpha=0.25, lw=0, **style)
+            # One area over a line that turns back would have no inside: the way back cancels the way there.
+            areas = [
+                np.vstack([np.c_[x, low[rows]][part], np.c_[x, high[rows]][part][::-1]])
+                for part in split_at_turns(x)
+            ]
+            panel.add_collection(PolyCollection(areas, alpha=0.25, lw=0, **style))
+            panel.autoscale_view()
         else:
             panel.vlines(x, low[rows], high[rows], alpha=0.5, lw=3, **style)
+
+
+def split_at_turns(x: np.ndarray) -> list[slice]:
+    """Return the parts of a line in which x does not turn back; neighbours share the point of the turn.
+
+    >>> split_at_turns(np.array([0.0, 1.0, 2.0, 2.0, 1.0]))
+    [slice(0, 4, None), slice(3, 5, None)]
+    """
+    moves = np.flatnonzero(np.diff(x))
+    direction = np.sign(np.diff(x)[moves])
+    turns = moves[1:][direction[1:] != direction[:-1]]
+    return [slice(a, b + 1) for a, b in pairwise([0, *turns.tolist(), x.size - 1])]

@@ -66,6 +66,7 @@ def plot_corner(post: Posterior, narrow: bool = False) -> Figure:
     count = len(indices)
     with apply_theme():
         size = SINGLE_COLUMN if narrow else max(1.1 * count + 1, 4.5)
+        label_size = 6 if narrow else 7
         drawing = create_figure(size, size)
         grid = drawing.subplots(count, count, squeeze=False, sharex="col")
         for row, i in enumerate(indices):
@@ -93,13 +94,15 @@ def plot_corner(post: Posterior, narrow: bool = False) -> Figure:
                     _plot_ellipses(panel, x, y)
                     panel.set_ylim(*np.quantile(convert_to_unit(post, post.flat, i), (0.001, 0.999)))
                 if column == 0 and row:
-                    panel.set_ylabel(format_axis_label(post, i), fontsize=6)
+                    panel.set_ylabel(format_axis_label(post, i), fontsize=label_size)
                 elif column:
                     panel.set_yticklabels([])
                 if row == count - 1:
-                    panel.set_xlabel(format_axis_label(post, j), fontsize=6)
-                panel.tick_params(labelsize=5)
+                    panel.set_xlabel(format_axis_label(post, j), fontsize=label_size)
+                panel.tick_params(labelsize=label_size - 1)
                 panel.locator_params(nbins=3)
+                if narrow:  # three labels such as 214.05 would overlap
+                    panel.locator_params("x", nbins=2, min_n_ticks=1)
         title = _format_strongest_correlation(post, indices)
         if len(indices) < len(all_indices):
             title += f"; {len(indices)} of {len(all_indices)} parameters"

@@ -1,5 +1,6 @@
 """Figures of a posterior on a phone: narrow, with readable text that fits."""
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,10 +14,11 @@ from pamjax.view.theme import SINGLE_COLUMN
 NAMES = tuple(f"braid_friction.number_{k}" for k in range(6))
 
 
-def posterior():
+def posterior(mean=0.0, sd=1.0):
     """Return a posterior of six parameters, of which the last two are correlated."""
     draws = np.random.default_rng(2).normal(size=(300, 8, 6))
     draws[..., 4] = draws[..., 5] + 0.1 * draws[..., 4]
+    draws = mean + sd * draws
     flat = draws.reshape(-1, 6)
     profile = SimpleNamespace(values=np.linspace(-2, 2, 7), rise=np.linspace(-2, 2, 7) ** 2)
     return SimpleNamespace(
@@ -56,3 +58,17 @@ def test_narrow_corner_plot_shows_the_most_correlated_parameters():
     labels = [panel.get_xlabel() for panel in figure.axes[-MAX_NARROW_PANELS:]]
     assert labels[-2:] == ["braid_friction.\nnumber_4 [mm]", "braid_friction.\nnumber_5 [mm]"]
     assert " ".join(figure.get_suptitle().split()).endswith("; 4 of 6 parameters")
+
+
+def test_numbers_at_the_narrow_corner_plot_do_not_overlap():
+    figure = plot_corner(posterior(mean=0.214, sd=2e-5), narrow=True)
+    figure.draw_without_rendering()
+    for panel in figure.axes[-MAX_NARROW_PANELS:]:
+        low, high = panel.get_xlim()
+        labels = [
+            label.get_window_extent()
+            for place, label in zip(panel.get_xticks(), panel.get_xticklabels(), strict=True)
+            if low <= place <= high
+        ]
+        assert labels
+        assert all(left.x1 < right.x0 for left, right in pairwise(labels))
