@@ -1,9 +1,14 @@
-"""Configuration of the documentation site: pages in Markdown, and three that are generated from the code.
+"""Configuration of the documentation site: pages in Markdown, and some that are generated from the code.
 
 pip install -e '.[docs]'
 sphinx-build -W -b html docs out/site
 """
 
+import contextlib
+import re
+import shlex
+import shutil
+import tempfile
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -40,37 +45,36 @@ def write_pages(_=None):
 
 
 def draw_gallery(_=None):
-    """Run the code of the gallery, and move its figures to `_generated/gallery`.
+    """Run the code of the gallery, and write its figures to `_generated/gallery`.
 
     Raises:
         Exception: any error of the code ends the build.
     """
-    import os
-    import re
-    import tempfile
-
-    from pamjax.cli.main import main
     from pamjax.compile.jax_cache import keep_compiled
 
     keep_compiled()
-    text = (HERE / "gallery.md").read_text("utf-8")
-    fences = re.findall(r"^```(console|python)\n(.*?)^```", text, re.S | re.M)
-    target, former = HERE / "_generated" / "gallery", Path.cwd()
-    target.mkdir(parents=True, exist_ok=True)
+    target = HERE / "_generated" / "gallery"
+    shutil.rmtree(target, ignore_errors=True)  # a former figure would hide that a figure is missing
+    target.mkdir(parents=True)
     with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "fits").symlink_to(HERE.parent / "fits")
-        os.chdir(folder)
-        try:
-            names = {"__name__": "gallery"}
-            for language, code in fences:
-                if language == "python":
-                    exec(compile(code, "gallery.md", "exec"), names)
-                elif main(code.removeprefix("$ pamjax ").split()):
-                    raise RuntimeError(f"the command of the gallery failed: {code}")
-        finally:
-            os.chdir(former)
+        run_gallery((HERE / "gallery.md").read_text("utf-8"), Path(folder))
         for figure in Path(folder).glob("*.png"):
-            (target / figure.name).write_bytes(figure.read_bytes())
+            shutil.copy(figure, target)
+
+
+def run_gallery(text, folder):
+    """Run the commands and the Python code of a page in a folder, and return the names that it assigns."""
+    from pamjax.cli.main import main
+
+    (folder / "fits").symlink_to(HERE.parent / "fits")
+    names = {"__name__": "gallery"}
+    with contextlib.chdir(folder):
+        for language, code in re.findall(r"^```(console|python)\n(.*?)^```", text, re.S | re.M):
+            if language == "python":
+                exec(compile(code, "gallery.md", "exec"), names)
+            elif main(shlex.split(code.removeprefix("$ pamjax "))):
+                raise RuntimeError(f"the command of the gallery failed: {code}")
+    return names
 
 
 def commands():

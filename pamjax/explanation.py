@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from pamjax.drawing import DrawableResult
 from pamjax.errors import BadInput, suggest_word
 from pamjax.model.parameters import list_meanings_by_law, list_parameters
 from pamjax.model.registry import ALTERNATIVE_EQUATIONS, MECHANISMS, list_mechanisms
@@ -18,8 +19,10 @@ LINE_WIDTH = 96
 
 
 @dataclass(frozen=True, repr=False)
-class Explanation(NotebookText):
+class Explanation(DrawableResult, NotebookText):
     """Explanation of a parameter or a mechanism, or of all of them; prints as a text.
+
+    `plot` draws the effect of a mechanism on force and diameter.
 
     Attributes:
         name: the parameter or the mechanism; None for all.

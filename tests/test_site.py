@@ -28,7 +28,9 @@ def steps(page):
             yield language, body
 
 
-PAGES = sorted(page.name for page in DOCS.glob("*.md") if page.name != "write-a-mechanism.md")
+#: Pages whose code other tests run: `test_docs.py` and `test_gallery.py`.
+ELSEWHERE = {"write-a-mechanism.md", "gallery.md"}
+PAGES = sorted(page.name for page in DOCS.glob("*.md") if page.name not in ELSEWHERE)
 RUN = [page for page in PAGES if any(kind in ("$", "python") for kind, _ in steps(page))]
 
 
@@ -101,14 +103,10 @@ def test_the_site_builds_without_a_warning(tmp_path):
         str(DOCS),
         str(tmp_path / "site"),
     ]
-    process = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False, cwd=ROOT)
+    process = subprocess.run(words, capture_output=True, text=True, timeout=900, check=False, cwd=ROOT)
     assert process.returncode == 0, process.stderr
     pages = {path.name for path in (tmp_path / "site").rglob("*.html")}
     assert {"index.html", "mechanisms.html", "commands.html", "reference.html"} <= pages
-    figures = (DOCS / "_generated" / "gallery").glob("*.png")
-    drawn = re.findall(r"_generated/gallery/([\w-]+\.png)", (DOCS / "gallery.md").read_text("utf-8"))
-    assert {figure.name for figure in figures} == set(drawn)
-    assert len(drawn) >= 10
     assert {"validation.html", "performance.html", "glossary.html"} <= pages
     for page in (tmp_path / "site").rglob("*.html"):
         assert not re.search(r"/tmp/|/home/|/root/", page.read_text("utf-8")), page.name

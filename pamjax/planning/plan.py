@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from pamjax.drawing import DrawableResult
 from pamjax.errors import BadInput, check_minimum, suggest_word
 from pamjax.model.parameters import find_meaning
 from pamjax.notebook import NotebookText
@@ -41,7 +42,7 @@ class ExpectedSd:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(NotebookText):
+class Plan(DrawableResult, NotebookText):
     """Runs to make, and the precision that they are expected to reach.
 
     Attributes:

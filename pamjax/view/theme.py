@@ -86,6 +86,8 @@ _SETTINGS: dict[Any, Any] = {
     # Embed TrueType fonts, so that text in the PDF can be searched and edited.
     "pdf.fonttype": 42,
     "savefig.facecolor": "white",
+    # As `save_png`: a figure of one column has 700 pixels.
+    "savefig.dpi": 200,
 }
 
 

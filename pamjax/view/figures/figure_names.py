@@ -13,8 +13,11 @@ from matplotlib.figure import Figure
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.drawing import DrawableResult
 from pamjax.errors import BadInput, suggest_word
+from pamjax.explanation import Explanation
 from pamjax.infer.fitting.result import Fit
 from pamjax.infer.posterior.result import Posterior
+from pamjax.model.registry import list_mechanisms
+from pamjax.planning.plan import Plan
 from pamjax.sizing.result import Design
 from pamjax.view.figures.diagnosis import plot_candidates, plot_held_out_scores, plot_shifts
 from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops
@@ -25,7 +28,9 @@ from pamjax.view.figures.fit import (
     plot_residual,
 )
 from pamjax.view.figures.fit_priors import plot_prior, select_with_prior
+from pamjax.view.figures.mechanism import plot_mechanism
 from pamjax.view.figures.mismatch_map import list_other_channels, plot_map
+from pamjax.view.figures.plan import PrecisionCourse, plot_commands, plot_precision
 from pamjax.view.figures.posterior import find_ridges, plot_corner, plot_marginals, plot_ridges
 from pamjax.view.figures.posterior_checks import plot_band, plot_profiles, plot_traces
 from pamjax.view.figures.sizing import plot_chart, plot_front, plot_sensitivities
@@ -39,7 +44,8 @@ def plot(result: DrawableResult, name: str | None = None, *, narrow: bool = Fals
     """Return a figure of a result.
 
     Args:
-        result: a `Fit`, a `Posterior`, a `Diagnosis` or a `Design`.
+        result: a `Fit`, a `Posterior`, a `Diagnosis`, a `Design`, a `Plan`, or the `Explanation` of a
+            mechanism.
         name: name of the figure, one of `list_figures`; the first of them if omitted.
         narrow: draw for one column of a journal, with stacked panels.
 
@@ -73,7 +79,8 @@ def list_figures(result: DrawableResult) -> list[str]:
     """Return the names of the figures of a result, the most important one first.
 
     Args:
-        result: a `Fit`, a `Posterior`, a `Diagnosis` or a `Design`.
+        result: a `Fit`, a `Posterior`, a `Diagnosis`, a `Design`, a `Plan`, or the `Explanation` of a
+            mechanism.
 
     Returns:
         the names, for `plot`.
@@ -91,10 +98,9 @@ def list_figures(result: DrawableResult) -> list[str]:
 @singledispatch
 def _find_plot_functions(result: object) -> dict[str, PlotFunction]:
     """Return the functions that draw a result, by name of the figure."""
-    rule = "`plot` needs a Fit, a Posterior, a Diagnosis or a Design"
-    raise BadInput.from_rule(
-        rule, type(result).__name__, remedy="Pass the result of `fit`, `sample`, `diagnose` or `size`."
-    )
+    rule = "`plot` needs a Fit, a Posterior, a Diagnosis, a Design, a Plan or an Explanation"
+    remedy = "Pass the result of `fit`, `sample`, `diagnose`, `size`, `plan` or `explain`."
+    raise BadInput.from_rule(rule, type(result).__name__, remedy=remedy)
 
 
 @_find_plot_functions.register
@@ -154,3 +160,25 @@ def _(design: Design) -> dict[str, PlotFunction]:
     if design.front is not None and len(design.front.values) > 1:
         functions["front"] = partial(plot_front, design)
     return functions
+
+
+@_find_plot_functions.register
+def _(plan: Plan) -> dict[str, PlotFunction]:
+    functions: dict[str, PlotFunction] = {"precision": partial(_plot_precision, plan)}
+    if plan.rows:
+        functions["commands"] = partial(plot_commands, plan)
+    return functions
+
+
+@_find_plot_functions.register
+def _(explanation: Explanation) -> dict[str, PlotFunction]:
+    mechanisms = list_mechanisms()
+    if explanation.name not in mechanisms:
+        rule = "only the explanation of a mechanism has a figure"
+        remedy = 'Draw one, as `pamjax.explain("braid_friction").plot()`.'
+        raise BadInput.from_rule(rule, explanation.name or "that of everything", remedy=remedy)
+    return {"effect": partial(plot_mechanism, mechanisms[explanation.name])}
+
+
+def _plot_precision(plan: Plan, narrow: bool = False) -> Figure:
+    return plot_precision(plan, PrecisionCourse.from_plan(plan), narrow)

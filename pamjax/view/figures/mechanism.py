@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 
 import numpy as np
@@ -30,6 +31,7 @@ from pamjax.view.theme import (
     DOUBLE_COLUMN,
     OKABE_ITO,
     REFERENCE_COLOUR,
+    SINGLE_COLUMN,
     add_panel_letters,
     apply_theme,
     build_pressure_colours,
@@ -47,22 +49,23 @@ _CHANNEL_SCALES = {"force": 1.0, "diameter": 1e-3}
 _LENGTH_COLOURS = tuple(OKABE_ITO[name] for name in ("blue", "orange", "purple"))
 
 
-def plot_mechanism(kind: type[AbstractMechanism]) -> Figure:
+def plot_mechanism(kind: type[AbstractMechanism], narrow: bool = False) -> Figure:
     """Return the change of force and diameter in strokes, the force, and the change of force in ramps."""
     strokes, ramps = simulate_demo(kind)
     levels = [pressure / 1e3 for pressure in DEMO_PRESSURES]
     colour_map, norm = build_pressure_colours(levels)
     colours = [colour_map(norm(level)) for level in levels]
     with apply_theme():
-        drawing = create_figure(DOUBLE_COLUMN, 5.6)
-        panels = list(drawing.subplots(2, 2).flat)
+        drawing = create_figure(*((SINGLE_COLUMN, 11.0) if narrow else (DOUBLE_COLUMN, 5.6)))
+        panels = list(drawing.subplots(4, 1) if narrow else drawing.subplots(2, 2).flat)
         _plot_strokes(panels[0], strokes, colours, "force")
         _plot_strokes(panels[1], strokes, colours, "diameter")
         _plot_force(panels[2], strokes, colours)
         _plot_ramps(panels[3], ramps)
         add_panel_letters(panels)
-        drawing.legend(handles=_build_key(colours), loc="outside lower center", ncols=3)
-        drawing.suptitle(f"{kind.id}: {kind.about.title} ({_format_demo_values(kind)})", x=0.01, ha="left")
+        drawing.legend(handles=_build_key(colours), loc="outside lower center", ncols=1 if narrow else 3)
+        title = f"{kind.id}: {kind.about.title} ({_format_demo_values(kind)})"
+        drawing.suptitle(textwrap.fill(title, 48 if narrow else 100), x=0.01, ha="left")
     return drawing
 
 
@@ -73,7 +76,7 @@ def _build_key(colours: Sequence[ColorType]) -> list[Line2D]:
         for pressure, colour in zip(DEMO_PRESSURES, colours, strict=True)
     ]
     lengths = [
-        (f"contraction {contraction:.0%}, in (d)", colour)
+        (f"contraction {100 * contraction:.0f} %, in (d)", colour)
         for contraction, colour in zip(DEMO_CONTRACTIONS, _LENGTH_COLOURS, strict=True)
     ]
     line_styles = {
@@ -129,7 +132,7 @@ def _plot_force(panel: Axes, strokes: Sequence[DemoRun], colours: Sequence[Color
     max_change = max(np.nanmax(np.abs(_compute_change(run, "force"))) for run in strokes)
     share = max_change / max(np.nanmax(np.abs(run.bare_force)) for run in strokes)
     change_text = (
-        f"change up to {share:.1%} of its maximum"
+        f"change up to {100 * share:.1f} % of its maximum"
         if max_change > _NEGLIGIBLE_CHANGE["force"]
         else "no change"
     )
@@ -198,7 +201,7 @@ def _format_change_range(changes: Sequence[np.ndarray], channel: str) -> str:
         if last_width > _NEGLIGIBLE_CHANGE[channel]
         else f"first loop {_format_change(first_width, channel)}"
     )
-    return f"{range_text} {DISPLAY_UNIT[channel]}, {loop_text.replace('+', '')}"
+    return f"{range_text}, {loop_text.replace('+', '')} {DISPLAY_UNIT[channel]}"
 
 
 def _format_change(value: float, channel: str) -> str:

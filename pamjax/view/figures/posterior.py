@@ -101,8 +101,8 @@ def plot_corner(post: Posterior, narrow: bool = False) -> Figure:
                     panel.set_xlabel(format_axis_label(post, j), fontsize=label_size)
                 panel.tick_params(labelsize=label_size - 1)
                 panel.locator_params(nbins=3)
-                if narrow:  # three labels such as 214.05 would overlap
-                    panel.locator_params("x", nbins=2, min_n_ticks=1)
+                if narrow:  # horizontal labels such as 214.05 would overlap
+                    panel.tick_params("x", rotation=45)
         title = _format_strongest_correlation(post, indices)
         if len(indices) < len(all_indices):
             title += f"; {len(indices)} of {len(all_indices)} parameters"

@@ -70,5 +70,5 @@ def test_numbers_at_the_narrow_corner_plot_do_not_overlap():
             for place, label in zip(panel.get_xticks(), panel.get_xticklabels(), strict=True)
             if low <= place <= high
         ]
-        assert labels
+        assert len(labels) >= 2
         assert all(left.x1 < right.x0 for left, right in pairwise(labels))
