@@ -25,7 +25,7 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
 from pamjax.diagnosis.refit.model_fit import switch_on_candidate
-from pamjax.diagnosis.select.neighbour_fits import shortlist_candidates
+from pamjax.diagnosis.select.neighbour_fits import list_addable_candidates, shortlist_candidates
 from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Largest number of mechanisms, refits in each step, and evaluations of a refit.
@@ -60,10 +60,9 @@ def select_by_bic(problem: LibraryProblem, training_mask: np.ndarray) -> Stepwis
     estimate = fit_parameters(problem, noise, baseline_indices, estimate.values)
     mechanisms: list[Candidate] = []
     while len(mechanisms) < _MAX_STEPWISE_MECHANISMS:
-        score_directions = compute_score_directions(problem, noise, estimate, candidates)
-        shortlist = shortlist_candidates(
-            score_directions, [candidate.id for candidate in mechanisms], _TRIALS_PER_STEP
-        )
+        addable = list_addable_candidates(candidates, [candidate.id for candidate in mechanisms])
+        score_directions = compute_score_directions(problem, noise, estimate, addable)
+        shortlist = shortlist_candidates(score_directions, _TRIALS_PER_STEP)
         trials = [
             (s.candidate, _fit_with_candidate(problem, noise, estimate, baseline_indices, mechanisms, s))
             for s in shortlist

@@ -206,7 +206,7 @@ class DiagnosisSettings:
     final_refit_count: int = _select(2, "count", 1, 100,
         "Continue this many rough refits to the minimum",
         "slower; fewer mechanisms are missed")
-    rough_evaluations: int = _select(7, "count", 1, 1000,
+    rough_evaluations: int = _select(10, "count", 1, 1000,
         "End a rough refit after this many evaluations",
         "slower; rough refits rank better")
     strained_prior_sd: float = _select(2.5, "sd of the prior", 0.0, 100.0,

@@ -185,9 +185,9 @@ def draw_tie(seed: int) -> tuple[GroundTruth, LibraryProblem, ModelFit, ModelFit
 
 def _select_rivals(problem: LibraryProblem, baseline: ModelFit, true: str) -> list[str]:
     """Return the mechanisms that fit a recording best in place of the true one, in the linear limit."""
-    offered = [form for form in build_candidates(problem) if form.id != COSTLIEST_MECHANISM]
+    offered = [form for form in build_candidates(problem) if form.id not in (COSTLIEST_MECHANISM, true)]
     directions = compute_score_directions(problem, baseline.noise, baseline.estimate, offered)
-    return [fitted.candidate.id for fitted in shortlist_candidates(directions, [true], RIVALS)]
+    return [fitted.candidate.id for fitted in shortlist_candidates(directions, RIVALS)]
 
 
 def trial(seed: int, repeats: int) -> dict[str, Any]:

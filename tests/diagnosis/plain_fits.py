@@ -44,7 +44,7 @@ def build_estimate(
         chi2_with_priors=chi2,
         chi2=chi2,
         residual=residual,
-        jacobian=np.zeros((residual.size, len(free))) if jacobian is None else jacobian,
+        evaluate_jacobian=lambda: np.zeros((residual.size, len(free))) if jacobian is None else jacobian,
         prior_sd=np.ones(len(free)) if prior_sd is None else prior_sd,
         scale=np.ones(len(free)),
     )

@@ -52,7 +52,7 @@ DEFAULTS = {
     "min_speed_noise_sd": 4.5, "false_inclusion_probability": 1e-4, "min_excess_share": 0.2,
     "min_rms_share": 0.1, "complete_excess_share": 0.95, "min_small_rms_share": 0.025,
     "min_effect_rms": 0.25, "min_direction_chi2_share": 0.5, "max_form_share": 0.3, "shortlist_length": 6,
-    "final_refit_count": 2, "rough_evaluations": 7, "strained_prior_sd": 2.5, "max_mechanisms": 4,
+    "final_refit_count": 2, "rough_evaluations": 10, "strained_prior_sd": 2.5, "max_mechanisms": 4,
     "tie_chi2": 12.0, "tie_excess_share": 0.1, "rivals_refitted": 5, "comparison_excess_chi2": 8.0,
     "rough_chi2_margin": 36.0, "unknown_rival_weight": 0.1, "established_probability": 0.5,
     "restart_pair_count": 3,

@@ -180,6 +180,7 @@ def fit_best_rival(
                 get_free_indices(problem, mechanisms),
                 values,
                 problem.settings.rough_evaluations,
+                is_rough=True,
             )
             rough_fits.append(ModelFit(mechanisms, reduced_fit.noise, estimate))
     best = sorted(rough_fits, key=lambda m: m.estimate.chi2_with_priors)[: problem.settings.final_refit_count]

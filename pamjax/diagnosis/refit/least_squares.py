@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, cast
+from functools import cached_property, partial
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.refit.secant_minimiser import minimise_least_squares
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.problem.unit_diagonal import invert_scaled
 
@@ -31,8 +30,8 @@ class MapEstimate:
         chi2_with_priors: χ² of whitened residual and priors.
         chi2: χ² of the whitened residual alone.
         residual: (size,) whitened residual.
-        jacobian: (size, k) derivative of the whitened prediction by the coordinates of the free parameters.
-        prior_sd: (k,) sd of the priors in these coordinates.
+        evaluate_jacobian: returns `jacobian`.
+        prior_sd: (k,) sd of the priors in the coordinates of the free parameters.
         scale: (k,) derivative of value by coordinate.
     """
 
@@ -41,9 +40,17 @@ class MapEstimate:
     chi2_with_priors: float
     chi2: float
     residual: np.ndarray
-    jacobian: np.ndarray
+    evaluate_jacobian: Callable[[], np.ndarray]
     prior_sd: np.ndarray
     scale: np.ndarray
+
+    @cached_property
+    def jacobian(self) -> np.ndarray:
+        """Return the derivative of the whitened prediction by the coordinates, (size, k).
+
+        It is computed when it is first needed: most estimates are only compared by their χ².
+        """
+        return self.evaluate_jacobian()
 
     @property
     def covariance(self) -> np.ndarray:
@@ -116,6 +123,7 @@ def fit_parameters(
     free: Sequence[int],
     values: np.ndarray,
     max_evaluations: int | None = None,
+    is_rough: bool = False,
 ) -> MapEstimate:
     """Return the maximum a posteriori estimate of some parameters.
 
@@ -125,20 +133,21 @@ def fit_parameters(
         free: indices of the free parameters; the others are fixed.
         values: (p,) starting values, SI.
         max_evaluations: largest number of evaluations; the setting `max_refit_evaluations` if omitted.
+        is_rough: whether the Jacobian is not evaluated again at the end, to confirm the minimum.
     """
     free = list(free)
     mean, prior_sd = compute_priors(problem, free)
     low, high = (transform_to_coordinates(problem, free, edge) for edge in (problem.low, problem.high))
     evaluator = _ResidualEvaluator(problem, noise, free, values)
+    is_informative = np.isfinite(prior_sd)
+    prior_jacobian = np.diag(np.where(is_informative, 1 / prior_sd, 0.0))
 
-    def residuals(x):
-        prior_residual = np.where(np.isfinite(prior_sd), (x - mean) / prior_sd, 0.0)
-        return np.concatenate([evaluator(x).triangle[:, -1], prior_residual])
+    def add_priors(x: np.ndarray, residual: np.ndarray) -> np.ndarray:
+        return np.concatenate([residual, np.where(is_informative, (x - mean) / prior_sd, 0.0)])
 
-    def jacobian(x):
-        return np.concatenate(
-            [-evaluator(x).triangle[:, :-1], np.diag(np.where(np.isfinite(prior_sd), 1 / prior_sd, 0.0))]
-        )
+    def evaluate(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        residual, jacobian = evaluator.evaluate(x)
+        return add_priors(x, residual), np.concatenate([-jacobian, prior_jacobian])
 
     width = np.where(np.isfinite(prior_sd), prior_sd, 0.1 * (high - low))
     # The minimiser is slow if it starts at a limit. A missing mechanism often drives baseline parameters to
@@ -147,11 +156,16 @@ def fit_parameters(
         high - low
     )
     start = np.clip(transform_to_coordinates(problem, free, values), low + inside, high - inside)
-    solution = least_squares(
-        residuals, start, jac=cast(Any, jacobian), bounds=(low, high), x_scale=width,
-        ftol=1e-5, xtol=1e-7, gtol=1e-10, max_nfev=max_evaluations or problem.settings.max_refit_evaluations,
-    )  # fmt: skip
-    return evaluator.build_estimate(solution.x)
+    solution = minimise_least_squares(
+        evaluate,
+        lambda x: add_priors(x, evaluator.compute_residual(x)),
+        start,
+        (low, high),
+        width,
+        max_evaluations or problem.settings.max_refit_evaluations,
+        is_rough,
+    )
+    return evaluator.build_estimate(solution)
 
 
 def evaluate_estimate(
@@ -162,26 +176,8 @@ def evaluate_estimate(
     return evaluator.build_estimate(transform_to_coordinates(problem, free, values))
 
 
-@dataclass(frozen=True, eq=False)
-class _WhitenedEvaluation:
-    values: np.ndarray
-    scale: np.ndarray
-    residual: np.ndarray
-    jacobian: np.ndarray
-
-    @cached_property
-    def triangle(self) -> np.ndarray:
-        """Return R of the QR decomposition of the Jacobian with the residual as last column, (k + 1, k + 1).
-
-        Its columns have the lengths and angles of the originals, which is all that a minimiser uses.
-        The minimiser decomposes k + 1 rows instead of thousands.
-        """
-        columns = np.column_stack([self.jacobian, self.residual])
-        return np.asarray(np.linalg.qr(columns, mode="r")) if columns.shape[0] > columns.shape[1] else columns
-
-
 class _ResidualEvaluator:
-    """Residual and Jacobian at a point, evaluated once for both calls of the minimiser."""
+    """Whitened residual and Jacobian by coordinates; those of the last point are kept."""
 
     def __init__(
         self, problem: LibraryProblem, noise: NoiseModel, free: Sequence[int], values: np.ndarray
@@ -189,36 +185,59 @@ class _ResidualEvaluator:
         self.problem, self.noise, self.free, self.values = problem, noise, list(free), values
         self.start = transform_to_coordinates(problem, self.free, values)
         self.point: np.ndarray | None = None
-        self.evaluation: _WhitenedEvaluation | None = None
+        self.evaluation: tuple[np.ndarray, np.ndarray] | None = None
 
-    def __call__(self, x: np.ndarray) -> _WhitenedEvaluation:
-        if self.evaluation is None or self.point is None or not np.array_equal(self.point, x):
-            log = self.problem.is_logarithmic[self.free]
-            trial = self.values.copy()
-            # Exactly the starting value, not exp(log(value)): the result there is often known.
-            moved = np.where(log, np.exp(np.where(log, x, 0.0)), x)
-            trial[self.free] = np.where(x == self.start, trial[self.free], moved)
-            prediction, model_jacobian = self.problem.predict_with_jacobian(trial, self.free)
-            scale = np.where(log, trial[self.free], 1.0)
-            # A sample without a solution counts as a large misfit with zero derivative.
-            residual = np.nan_to_num(self.noise.whiten(self.problem.measured - prediction), nan=1e3)
-            jacobian = (np.nan_to_num(self.noise.whiten(model_jacobian)) * scale[:, None]).T
-            self.point, self.evaluation = x.copy(), _WhitenedEvaluation(trial, scale, residual, jacobian)
+    def evaluate(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the residual, (size,), and the derivatives of the prediction, (size, k)."""
+        if self.evaluation is None or not self._is_at(x):
+            values = self._set_values(x)
+            prediction, model_jacobian = self.problem.predict_with_jacobian(values, self.free)
+            jacobian = np.nan_to_num(self.noise.whiten(model_jacobian)) * self._compute_scale(values)[:, None]
+            self.point, self.evaluation = x.copy(), (self._whiten_residual(prediction), jacobian.T)
         return self.evaluation
+
+    def compute_residual(self, x: np.ndarray) -> np.ndarray:
+        """Return the residual alone."""
+        if self.evaluation is not None and self._is_at(x):
+            return self.evaluation[0]
+        return self._whiten_residual(self.problem.predict(self._set_values(x)))
+
+    def compute_jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the prediction alone."""
+        return self.evaluate(x)[1]
 
     def build_estimate(self, x: np.ndarray) -> MapEstimate:
         """Return the estimate at the coordinates x."""
         mean, prior_sd = compute_priors(self.problem, self.free)
         prior_residual = np.where(np.isfinite(prior_sd), (x - mean) / prior_sd, 0.0)
-        evaluation = self(x)
-        misfit = float(evaluation.residual @ evaluation.residual)
+        residual, values = self.compute_residual(x), self._set_values(x)
+        misfit = float(residual @ residual)
         return MapEstimate(
             free=tuple(self.free),
-            values=evaluation.values,
+            values=values,
             chi2_with_priors=misfit + float(prior_residual @ prior_residual),
             chi2=misfit,
-            residual=evaluation.residual,
-            jacobian=evaluation.jacobian,
+            residual=residual,
+            evaluate_jacobian=partial(self.compute_jacobian, x),
             prior_sd=np.where(np.isfinite(prior_sd), prior_sd, UNINFORMATIVE_PRIOR_SD),
-            scale=evaluation.scale,
+            scale=self._compute_scale(values),
         )
+
+    def _is_at(self, x: np.ndarray) -> bool:
+        """Return whether the kept results are those of the coordinates x."""
+        return self.point is not None and np.array_equal(self.point, x)
+
+    def _set_values(self, x: np.ndarray) -> np.ndarray:
+        log, values = self.problem.is_logarithmic[self.free], self.values.copy()
+        # Exactly the starting value, not exp(log(value)): the result there is often known.
+        moved = np.where(log, np.exp(np.where(log, x, 0.0)), x)
+        values[self.free] = np.where(x == self.start, values[self.free], moved)
+        return values
+
+    def _compute_scale(self, values: np.ndarray) -> np.ndarray:
+        """Return the derivative of value by coordinate, (k,)."""
+        return np.where(self.problem.is_logarithmic[self.free], values[self.free], 1.0)
+
+    def _whiten_residual(self, prediction: np.ndarray) -> np.ndarray:
+        # A sample without a solution counts as a large misfit with zero derivative.
+        return np.nan_to_num(self.noise.whiten(self.problem.measured - prediction), nan=1e3)

@@ -33,20 +33,21 @@ def is_reduction_significant(
     )
 
 
-def shortlist_candidates(
-    directions: Sequence[ScoreDirection],
-    mechanism_ids: Sequence[str],
-    count: int,
-) -> list[ScoreDirection]:
-    """Return the best candidate of each of the most promising mechanisms that can be added."""
-    best: dict[str, ScoreDirection] = {}
+def list_addable_candidates(candidates: Sequence[Candidate], mechanism_ids: Sequence[str]) -> list[Candidate]:
+    """Return the candidates that can be added to some mechanisms."""
     excluded_ids = {
         *mechanism_ids,
         *(id for pair in EXCLUSIVE_PAIRS if pair & set(mechanism_ids) for id in pair),
     }
+    return [candidate for candidate in candidates if candidate.id not in excluded_ids]
+
+
+def shortlist_candidates(directions: Sequence[ScoreDirection], count: int) -> list[ScoreDirection]:
+    """Return the best candidate of each of the most promising mechanisms."""
+    best: dict[str, ScoreDirection] = {}
     for direction in directions:
         id = direction.candidate.id
-        if id not in excluded_ids and (id not in best or direction.chi2_reduction > best[id].chi2_reduction):
+        if id not in best or direction.chi2_reduction > best[id].chi2_reduction:
             best[id] = direction
     return sorted(best.values(), key=lambda s: -s.chi2_reduction)[:count]
 
@@ -65,7 +66,11 @@ def fit_with_candidate(problem: LibraryProblem, fit: ModelFit, direction: ScoreD
     estimates = []
     for start in starts:
         values = switch_on_candidate(problem, start, direction.candidate, direction.amplitudes)
-        estimates.append(fit_parameters(problem, fit.noise, free, values, problem.settings.rough_evaluations))
+        estimates.append(
+            fit_parameters(
+                problem, fit.noise, free, values, problem.settings.rough_evaluations, is_rough=True
+            )
+        )
     estimate = min(estimates, key=lambda estimate: estimate.chi2_with_priors)
     # A rough refit includes the χ² due to input noise, but no correction of its bias.
     return ModelFit(
@@ -135,12 +140,12 @@ def fit_replacements(
         candidate: the candidate.
         candidates: all candidates of the problem.
     """
-    scores = compute_score_directions(
-        problem, reduced_fit.noise, reduced_fit.estimate, [c for c in candidates if c.id != candidate.id]
-    )
+    addable = list_addable_candidates(candidates, reduced_fit.ids)
+    rivals = [other for other in addable if other.id != candidate.id]
+    scores = compute_score_directions(problem, reduced_fit.noise, reduced_fit.estimate, rivals)
     return parallel_map(
         lambda s: fit_with_candidate(problem, reduced_fit, s),
-        shortlist_candidates(scores, reduced_fit.ids, problem.settings.rivals_refitted),
+        shortlist_candidates(scores, problem.settings.rivals_refitted),
     )
 
 

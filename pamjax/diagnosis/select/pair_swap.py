@@ -26,7 +26,7 @@ from itertools import chain, combinations
 import numpy as np
 
 from pamjax.compile.parallel import parallel_map
-from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_directions, stack_residual
+from pamjax.diagnosis.detect.score_test import ScoreDirection, stack_residual
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
@@ -138,7 +138,7 @@ def _fit_pair_replacements(
         return []
     problem = search.problem
     reduced_fit = fit_without_mechanisms(problem, fit, positions)
-    scores = compute_score_directions(problem, reduced_fit.noise, reduced_fit.estimate, search.candidates)
+    scores = search.score_candidates(reduced_fit)
     removed_ids = frozenset(fit.mechanisms[k].id for k in positions)
     pairs = rank_pairs(
         scores,
@@ -154,7 +154,7 @@ def _fit_pair_replacements(
 
 
 def rank_pairs(
-    scores: Sequence[ScoreDirection],
+    directions: Sequence[ScoreDirection],
     fit: ModelFit,
     residual: np.ndarray,
     same_pair_chi2_share: float,
@@ -162,14 +162,11 @@ def rank_pairs(
     """Yield pairs of mechanisms with their amplitudes, SI, largest reduction of χ² first.
 
     Args:
-        scores: score directions of the candidates.
+        directions: score directions of the candidates that can be added to the model.
         fit: the model.
         residual: (size + priors,) its residual and the deviations of its parameters from their priors.
         same_pair_chi2_share: difference below which two pairs with a common mechanism count as the same.
     """
-    directions = [
-        s for s in scores if s.candidate.id not in fit.ids and not _is_excluded(s.candidate, fit.mechanisms)
-    ]
     rows = np.concatenate([s.unit_vectors for s in directions])
     ends = np.cumsum([len(s.unit_vectors) for s in directions])
     projections, gram, bic_penalty = rows @ residual, rows @ rows.T, np.log(max(fit.noise.size, 2))

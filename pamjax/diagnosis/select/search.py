@@ -38,6 +38,7 @@ from pamjax.diagnosis.select.neighbour_fits import (
     fit_with_candidate,
     fit_without_mechanism,
     is_reduction_significant,
+    list_addable_candidates,
     refit_most_promising,
     shortlist_candidates,
 )
@@ -69,8 +70,9 @@ class MechanismSearch:
         return self.problem.settings
 
     def score_candidates(self, fit: ModelFit) -> list[ScoreDirection]:
-        """Return the score directions of all candidates at a fit."""
-        return compute_score_directions(self.problem, fit.noise, fit.estimate, self.candidates)
+        """Return the score directions at a fit of all candidates that can be added to it."""
+        candidates = list_addable_candidates(self.candidates, fit.ids)
+        return compute_score_directions(self.problem, fit.noise, fit.estimate, candidates)
 
     def refit(self, fit: ModelFit) -> ModelFit:
         """Return the fit, refitted with noise from its own residual."""
@@ -213,7 +215,7 @@ def fit_best_candidate(
 ) -> ModelFit | None:
     """Return the model with the best further candidate, with the same noise; None if none is promising."""
     directions = search.score_candidates(fit) if directions is None else directions
-    shortlist = _list_promising(search, fit, directions)
+    shortlist = _list_promising(search, directions)
     if not shortlist or search.is_exhausted(fit, shortlist[0]):
         return None
     return refit_most_promising(
@@ -222,17 +224,14 @@ def fit_best_candidate(
 
 
 def _list_promising(
-    search: MechanismSearch,
-    fit: ModelFit,
-    directions: Sequence[ScoreDirection],
-    count: int | None = None,
+    search: MechanismSearch, directions: Sequence[ScoreDirection], count: int | None = None
 ) -> list[ScoreDirection]:
     candidate_count = len(search.candidates)
     significance_level = search.settings.false_inclusion_probability
     return [
         s
         for s in shortlist_candidates(
-            directions, fit.ids, search.settings.shortlist_length if count is None else count
+            directions, search.settings.shortlist_length if count is None else count
         )
         if is_reduction_significant(
             s.chi2_reduction, len(s.candidate.free_parameters), candidate_count, significance_level
@@ -275,14 +274,14 @@ def _find_restart_pairs(
     """Return roughly refitted pairs that fit better than all pairs within or around the present model."""
     singles = parallel_map(
         partial(fit_with_candidate, search.problem, search.baseline),
-        _list_promising(search, search.baseline, directions),
+        _list_promising(search, directions),
     )
 
     def extend_to_pairs(single: ModelFit) -> list[ModelFit]:
         return [
             fit_with_candidate(search.problem, single, s)
             for s in _list_promising(
-                search, single, search.score_candidates(single), search.settings.second_candidate_count
+                search, search.score_candidates(single), search.settings.second_candidate_count
             )
         ]
 

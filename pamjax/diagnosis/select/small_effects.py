@@ -36,7 +36,11 @@ from pamjax.diagnosis.refit.model_fit import (
     switch_off_candidate,
     switch_on_candidate,
 )
-from pamjax.diagnosis.select.neighbour_fits import is_reduction_significant, shortlist_candidates
+from pamjax.diagnosis.select.neighbour_fits import (
+    is_reduction_significant,
+    list_addable_candidates,
+    shortlist_candidates,
+)
 from pamjax.progress import Progress, ignore_progress
 
 
@@ -133,10 +137,11 @@ class _SmallEffectSearch:
 
     def find_better_fit(self, fit: ModelFit) -> ModelFit | None:
         """Return the model with the best further candidate, weighted anew; None if none is worthwhile."""
-        scores = compute_score_directions(self.problem, fit.noise, fit.estimate, self.candidates)
+        candidates = list_addable_candidates(self.candidates, fit.ids)
+        scores = compute_score_directions(self.problem, fit.noise, fit.estimate, candidates)
         promising = [
             s
-            for s in shortlist_candidates(scores, fit.ids, self.problem.settings.shortlist_length)
+            for s in shortlist_candidates(scores, self.problem.settings.shortlist_length)
             if self._is_significant(s.chi2_reduction, s.candidate)
         ]
         rough = sorted(

@@ -27,7 +27,7 @@ def problem(monkeypatch):
 
 def build_estimate(residual, jacobian, values):
     return least_squares.MapEstimate(
-        FREE, values, 0.0, 0.0, residual, jacobian, prior_sd=PRIOR_SD, scale=np.ones(2)
+        FREE, values, 0.0, 0.0, residual, lambda: jacobian, prior_sd=PRIOR_SD, scale=np.ones(2)
     )
 
 
