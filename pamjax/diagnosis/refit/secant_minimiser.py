@@ -24,7 +24,7 @@ Residual = Callable[[np.ndarray], np.ndarray]
 ResidualAndJacobian = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 #: Tolerances of the minimiser: relative decrease of the cost, relative step, gradient.
-_COST_TOLERANCE, _STEP_TOLERANCE, _GRADIENT_TOLERANCE = 1e-5, 1e-7, 1e-10
+_COST_DECREASE_TOLERANCE, _STEP_TOLERANCE, _GRADIENT_TOLERANCE = 1e-5, 1e-7, 1e-10
 
 #: Curvature |Δr − J s| / |J s| of a step, above which the Jacobian is evaluated.
 _MAX_SECANT_CURVATURE = 0.5
@@ -118,10 +118,10 @@ def minimise_least_squares(
         solution = least_squares(
             cast(Any, function.compute_residual), point, jac=cast(Any, function.compute_jacobian),
             bounds=limits, x_scale=width, max_nfev=remaining,
-            ftol=_COST_TOLERANCE, xtol=_STEP_TOLERANCE, gtol=_GRADIENT_TOLERANCE,
+            ftol=_COST_DECREASE_TOLERANCE, xtol=_STEP_TOLERANCE, gtol=_GRADIENT_TOLERANCE,
         )  # fmt: skip
         decrease = function.start_cost - solution.cost
-        if not is_rough and decrease <= _COST_TOLERANCE * function.start_cost:
+        if not is_rough and decrease <= _COST_DECREASE_TOLERANCE * function.start_cost:
             return point
         point, remaining = solution.x, remaining - solution.nfev
         if is_rough or remaining < 1:

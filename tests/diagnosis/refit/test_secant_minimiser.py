@@ -54,9 +54,9 @@ def test_the_minimum_is_that_of_exact_derivatives(limits) -> None:
     expected = least_squares(
         exact.compute_residual, START, jac=exact.compute_jacobian, bounds=limits, x_scale=WIDTH, ftol=1e-12
     )
-    found = noisy.minimise(START, limits)
-    assert compute_cost(noisy, found) <= (1 + 2e-5) * 2 * expected.cost
-    assert np.allclose(found, expected.x, atol=0.01)
+    minimum = noisy.minimise(START, limits)
+    assert compute_cost(noisy, minimum) <= (1 + 2e-5) * 2 * expected.cost
+    assert np.allclose(minimum, expected.x, atol=0.01)
     assert noisy.jacobians < exact.jacobians
 
 
@@ -88,10 +88,10 @@ def test_a_strongly_curved_step_evaluates_the_jacobian_again() -> None:
         return compute_residual(x), np.array([[-20 * x[0], 10.0], [-1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
 
     limits = np.full(2, -5.0), np.full(2, 5.0)
-    found = minimise_least_squares(
+    minimum = minimise_least_squares(
         evaluate, compute_residual, np.array([-1.2, 1.0]), limits, np.ones(2), max_evaluations=200
     )
-    assert np.allclose(found, 1.0, atol=1e-3)
+    assert np.allclose(minimum, 1.0, atol=1e-3)
     assert jacobians > 2
 
 
