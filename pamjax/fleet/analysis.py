@@ -156,13 +156,15 @@ def _select_parameters(fleet: Fleet) -> pd.DataFrame:
 
 def _build_distribution(group: _ParameterGroup, group_count: int, bench_count: int) -> ParameterDistribution:
     estimates = group.estimates
-    benches = _compare_benches(estimates, group.cases["bench"].tolist())
+    benches = _compare_benches(estimates, group.cases)
     order_name, order = _find_order(group.cases)
     drift = None
     if order is not None:
         order = estimates.average(order)
         stated = np.isfinite(order)
-        drift = fit_slope(estimates.value[stated], estimates.sd[stated], order[stated])
+        shares = _compute_bench_shares(estimates, group.cases).values()
+        others = np.array([share[stated] for share in shares]).reshape(-1, stated.sum()).T
+        drift = fit_slope(estimates.value[stated], estimates.sd[stated], order[stated], others)
     return ParameterDistribution(
         type=group.type,
         name=group.name,
@@ -180,15 +182,24 @@ def _build_distribution(group: _ParameterGroup, group_count: int, bench_count: i
     )
 
 
-def _compare_benches(estimates: SpecimenEstimates, benches: list[Any]) -> dict[str, Slope]:
-    """Return the difference of each bench; a specimen on two benches counts in part for each."""
-    slopes = {}
-    for name in sorted({bench for bench in benches if not pd.isna(bench)}):
-        is_there = [not pd.isna(bench) and bench == name for bench in benches]
-        slope = fit_slope(estimates.value, estimates.sd, estimates.average(np.array(is_there, float)))
-        if slope is not None:
-            slopes[str(name)] = slope
-    return slopes
+def _compare_benches(estimates: SpecimenEstimates, cases: pd.DataFrame) -> dict[str, Slope]:
+    """Return the difference of each bench."""
+    slopes = {
+        name: fit_slope(estimates.value, estimates.sd, share)
+        for name, share in _compute_bench_shares(estimates, cases).items()
+    }
+    return {name: slope for name, slope in slopes.items() if slope is not None}
+
+
+def _compute_bench_shares(estimates: SpecimenEstimates, cases: pd.DataFrame) -> dict[str, np.ndarray]:
+    """Return the share of each specimen's recordings on each bench, (n,) from 0 to 1."""
+    benches = cases["bench"].tolist()
+    return {
+        str(name): estimates.average(
+            np.array([not pd.isna(bench) and bench == name for bench in benches], float)
+        )
+        for name in sorted({bench for bench in benches if not pd.isna(bench)})
+    }
 
 
 def _select_benches(benches: dict[str, Slope], comparisons: int) -> tuple[str, ...]:

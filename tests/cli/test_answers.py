@@ -41,6 +41,15 @@ def test_new_prints_only_json(tmp_path, capsys):
     assert output.err == ""
 
 
+def test_new_fleet_says_how_to_run_it(tmp_path, capsys):
+    assert main(["new", str(tmp_path / "series"), "--fleet"]) == 0
+    file = tmp_path / "series" / "FLEET.toml"
+    assert f"next: pamjax fleet {file} --out store" in capsys.readouterr().out
+    assert file.is_file()
+    assert main(["new", str(tmp_path / "other"), "--fleet", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"fleet": str(tmp_path / "other" / "FLEET.toml")}
+
+
 def test_check_reports_identifiability(bench, capsys):
     assert main(["check", str(bench / "made")]) == 0
     output = capsys.readouterr()

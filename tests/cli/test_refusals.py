@@ -132,6 +132,7 @@ def test_cell_without_a_number(case, capsys):
 def test_new_refuses_a_folder_with_files(tmp_path, capsys):
     (tmp_path / "notes.txt").write_text("mine")
     assert "a new case needs an empty folder" in read_error(["new", tmp_path], capsys)
+    assert "a new fleet needs an empty folder" in read_error(["new", tmp_path, "--fleet"], capsys)
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 

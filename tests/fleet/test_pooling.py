@@ -125,6 +125,29 @@ def test_slope_with_equal_sd_is_that_of_least_squares():
     assert slope.intercept == pytest.approx(line.intercept, rel=1e-6)
 
 
+def test_slope_beside_another_quantity_is_that_of_least_squares():
+    """The slope within groups equals that of a regression with one intercept for each group."""
+    random, n = np.random.default_rng(5), 24
+    group = np.arange(n) % 3
+    x = random.normal(size=n) + group
+    y = 5.0 * group + 0.3 * x + random.normal(size=n)
+    shares = (group[:, None] == np.arange(3)).astype(float)
+    slope = fit_slope(y, np.full(n, 0.1), x, shares)
+    design = np.column_stack([x, shares])
+    coefficients, squares, rank, _ = np.linalg.lstsq(design, y, rcond=None)
+    sd = np.sqrt(squares[0] / (n - rank) * np.linalg.inv(design.T @ design)[0, 0])
+    assert slope.value == pytest.approx(coefficients[0], rel=1e-6)
+    assert slope.sd == pytest.approx(sd, rel=1e-3)
+    assert abs(fit_slope(y, np.full(n, 0.1), x).value - coefficients[0]) > 5 * sd
+
+
+def test_quantity_that_others_determine_has_no_slope():
+    share = np.repeat([0.0, 1.0], 8)[:, None]
+    x = 3.0 + 2.0 * share[:, 0]
+    assert fit_slope(np.arange(16.0), np.ones(16), x) is not None
+    assert fit_slope(np.arange(16.0), np.ones(16), x, share) is None
+
+
 def test_slope_without_drift_has_uniform_p_values():
     random = np.random.default_rng(6)
     p_values = []

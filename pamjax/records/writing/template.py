@@ -27,7 +27,7 @@ _RECORDING_COMMENTS = """\
 # cycle     number of the stroke or test, 0 while the rig settles; optional
 """
 
-_MUSCLE_TEMPLATE = """\
+MUSCLE_TEMPLATE = """\
 # Description of the muscle. A quantity is a text with a unit, or {value = "...", sd = "..."}. The sd is one
 # standard deviation of the measured value. A value without sd is exact. Lines that begin with # are comments;
 # to use an entry in a comment, remove the #. ALL VALUES BELOW ARE EXAMPLES: replace them with yours.
@@ -118,5 +118,5 @@ def write_template(folder: str | Path) -> tuple[Path, Path]:
     with write_folder_atomically(folder) as temporary:
         recording = _RECORDING_COMMENTS + _EXAMPLE_ROWS.read_text(encoding="utf-8")
         (temporary / RECORDING_FILE).write_text(recording, encoding="utf-8", newline="\n")
-        (temporary / MUSCLE_FILE).write_text(_MUSCLE_TEMPLATE, encoding="utf-8", newline="\n")
+        (temporary / MUSCLE_FILE).write_text(MUSCLE_TEMPLATE, encoding="utf-8", newline="\n")
     return files
