@@ -83,12 +83,15 @@ class _SecantFunction:
     def _approach(self, point: np.ndarray) -> _Linearisation:
         """Return the linearisation at a new point, by a correction of that at the base."""
         residual, step = self._evaluate_residual(point), (point - self.base.point) / self._width
+        if step @ step < _STEP_TOLERANCE**2:
+            # The minimiser moves a point away from a limit by less than the rounding of the residual.
+            return _Linearisation(point.copy(), residual, self.base.jacobian)
         expected_change = self.base.jacobian @ step
         error = residual - self.base.residual - expected_change
         is_curved = np.linalg.norm(error) > _MAX_SECANT_CURVATURE * np.linalg.norm(expected_change)
         if is_curved and residual @ residual < self.base.residual @ self.base.residual:
             return self._linearise(point)
-        jacobian = self.base.jacobian + np.outer(error, step / max(step @ step, 1e-300))
+        jacobian = self.base.jacobian + np.outer(error, step / (step @ step))
         return _Linearisation(point.copy(), residual, jacobian)
 
 
