@@ -51,7 +51,7 @@ def fit_slope(
             others. The result is None if they determine x.
     """
     n, others = len(estimate), _find_independent_columns(np.empty((len(x), 0)) if others is None else others)
-    if n < _MIN_REGRESSION_SPECIMENS + others.shape[1] or np.ptp(x) == 0 or _is_determined(x, others):
+    if n < _MIN_REGRESSION_SPECIMENS + others.shape[1] or _is_determined(x, others):
         return None
     scale = float(np.ptp(estimate) + sd.max())
     y, s = (estimate - np.median(estimate)) / scale, sd / scale

@@ -1,7 +1,7 @@
 """Least squares with few evaluations of the Jacobian.
 
-The Jacobian of a model costs as much as three to twelve predictions. It is therefore evaluated at the start
-and at the solution. Between them, each step s corrects it by the change of the residual r along that step:
+The Jacobian of a model costs as much as several predictions. It is therefore evaluated at the start and at
+the solution. Between them, each step s corrects it by the change of the residual r along that step:
 
     J ← J + (Δr − J s) sᵀ / sᵀs
 

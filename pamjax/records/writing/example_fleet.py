@@ -1,7 +1,7 @@
 """An example of a fleet: simulated recordings of six muscles on each of two rigs.
 
-The pressure gauge of the second rig shows too much, which no muscle.toml states. One recording does not
-distinguish this error from a mechanism of the muscle. The fleet does, because it concerns one rig only.
+The pressure gauge of the second rig reads too high, and no muscle.toml states it. One recording does not
+distinguish this error from a mechanism of the muscle. The fleet does, because only one rig has the error.
 """
 
 from __future__ import annotations
