@@ -1,7 +1,8 @@
-"""Run tasks on Dask distributed: few in flight, worker deaths counted, each outcome reported at once.
+"""Run tasks on Dask distributed: few in flight, and worker deaths counted.
 
-The client keeps the queue and submits as many tasks as there are worker threads. The scheduler therefore
-holds few tasks, and a worker that dies loses the task it ran and no other.
+The client keeps the queue. Each worker thread gets as many cases as it finishes in about a second. The
+scheduler therefore holds few tasks, and short tasks do not wait for client and scheduler. A worker that
+dies loses the task it ran and no other: each task stores its own outcome.
 """
 
 from __future__ import annotations
@@ -10,9 +11,10 @@ import math
 import queue
 import secrets
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pamjax.fleet.store import (
@@ -37,6 +39,12 @@ _MAX_DEATHS = 2
 #: Time between two calls of `on_wait` and two counts of the workers, s.
 _WAIT_STEP = 1.0
 
+#: Time after which a worker returns the outcomes of its finished tasks, s.
+_REPORT_STEP = 1.0
+
+#: Largest number of cases that a worker gets at once.
+_MAX_BATCH = 64
+
 
 @dataclass(frozen=True)
 class TaskChain:
@@ -44,17 +52,33 @@ class TaskChain:
 
     tasks: tuple[FleetTask, ...]
 
+    def list_rest(self, outcomes: Sequence[TaskOutcome]) -> TaskChain:
+        """Return the tasks that can start after these outcomes; a task that is not done ends its chain."""
+        ended = any(outcome.state != DONE for outcome in outcomes)
+        return TaskChain(() if ended else self.tasks[len(outcomes) :])
 
-@dataclass
-class _Flight:
-    """A submitted task, the rest of its chain, and the deaths of its workers."""
 
-    chain: TaskChain
-    deaths: int = 0
+def run_in_turn(work: Work, chains: Sequence[TaskChain], timeout: float | None) -> list[list[TaskOutcome]]:
+    """Run chains in a worker, and return after the task during which `_REPORT_STEP` ends.
 
-    @property
-    def task(self) -> FleetTask:
-        return self.chain.tasks[0]
+    Args:
+        work: function that runs a task.
+        chains: the chains, in the order of their start.
+        timeout: time limit of each task, s; None for no limit.
+
+    Returns:
+        the outcomes of each chain, in the order of its tasks. Tasks that did not start have none.
+    """
+    end = time.monotonic() + _REPORT_STEP
+    outcomes: list[list[TaskOutcome]] = [[] for _ in chains]
+    for chain, done in zip(chains, outcomes, strict=True):
+        for task in chain.tasks:
+            done.append(work(task, timeout))
+            if time.monotonic() > end:
+                return outcomes
+            if done[-1].state != DONE:
+                break
+    return outcomes
 
 
 class TaskEngine:
@@ -71,9 +95,12 @@ class TaskEngine:
         self, client: Client, work: Work, timeout: float | None = None, death_hint: str = ""
     ) -> None:
         self.client, self.work, self.timeout, self.death_hint = client, work, timeout, death_hint
-        self.flights: dict[str, tuple[Future, _Flight]] = {}
+        self.flights: dict[str, tuple[Future, list[TaskChain]]] = {}
         self.finished: queue.SimpleQueue[str] = queue.SimpleQueue()
         self.counted_at, self.workers, self.submitted = -_WAIT_STEP, 1, 0
+        self.batch_size = 1
+        #: Deaths of the workers that ran a task, by the folder of the task.
+        self.deaths: Counter[Path] = Counter()
         # A scheduler may still hold results of an earlier run under equal keys.
         self.run_name = secrets.token_hex(4)
         self.deaths_per_error = 1 + _read_allowed_failures(client)
@@ -94,33 +121,46 @@ class TaskEngine:
         Raises:
             OSError: from a task, for example if the disk is full. Other tasks in flight are cancelled.
         """
-        waiting = deque(_Flight(chain) for chain in chains if chain.tasks)
+        waiting = deque(chain for chain in chains if chain.tasks)
         try:
             while waiting or self.flights:
                 while waiting and len(self.flights) < self._count_workers():
-                    self._submit(waiting.popleft())
-                flight, outcome = self._wait_for_outcome(on_wait)
-                if outcome is None:
-                    waiting.append(flight)
-                    continue
-                on_outcome(flight.task, outcome)
-                rest = flight.chain.tasks[1:]
-                if rest and outcome.state == DONE:
-                    waiting.appendleft(_Flight(TaskChain(rest)))
+                    self._submit(self._take_batch(waiting))
+                batch, outcomes = self._wait_for_outcomes(on_wait)
+                for chain, done in zip(batch, outcomes, strict=True):
+                    for task, outcome in zip(chain.tasks, done, strict=False):
+                        on_outcome(task, outcome)
+                rest = [chain.list_rest(done) for chain, done in zip(batch, outcomes, strict=True)]
+                waiting.extendleft(reversed([chain for chain in rest if chain.tasks]))
         finally:
             self.client.cancel([future for future, _ in self.flights.values()], force=True)
             self.flights.clear()
 
-    def _submit(self, flight: _Flight) -> None:
+    def _take_batch(self, waiting: deque[TaskChain]) -> list[TaskChain]:
+        """Remove the next cases from the queue; a case that killed a worker runs alone."""
+        # The last cases are shared by all workers.
+        size = min(self.batch_size, math.ceil(len(waiting) / self.workers))
+        batch = [waiting.popleft()]
+        while len(batch) < size and not any(self._count_deaths(chain) for chain in (batch[0], waiting[0])):
+            batch.append(waiting.popleft())
+        return batch
+
+    def _count_deaths(self, chain: TaskChain) -> int:
+        return self.deaths[chain.tasks[0].target]
+
+    def _submit(self, batch: list[TaskChain]) -> None:
         # Two cases with equal files have equal names of their tasks: the number keeps them apart.
         self.submitted += 1
-        key = f"pamjax-{flight.task.stage}-{flight.task.key}-{self.run_name}-{self.submitted}"
-        future = self.client.submit(self.work, flight.task, self.timeout, key=key, pure=False)
-        self.flights[key] = future, flight
+        task = batch[0].tasks[0]
+        key = f"pamjax-{task.stage}-{task.key}-{self.run_name}-{self.submitted}"
+        future = self.client.submit(run_in_turn, self.work, batch, self.timeout, key=key, pure=False)
+        self.flights[key] = future, batch
         future.add_done_callback(lambda future: self.finished.put(future.key))
 
-    def _wait_for_outcome(self, on_wait: Callable[[], None]) -> tuple[_Flight, TaskOutcome | None]:
-        """Return the next finished task with its outcome, or None if it must run again."""
+    def _wait_for_outcomes(
+        self, on_wait: Callable[[], None]
+    ) -> tuple[list[TaskChain], list[list[TaskOutcome]]]:
+        """Return the next cases that a worker returned or lost, with the outcomes of each case."""
         while True:
             try:
                 key = self.finished.get(timeout=_WAIT_STEP)
@@ -129,34 +169,55 @@ class TaskEngine:
                 continue
             if key in self.flights:
                 break
-        future, flight = self.flights.pop(key)
-        return flight, self._collect(future, flight)
+        future, batch = self.flights.pop(key)
+        return batch, self._collect(future, batch)
 
-    def _collect(self, future: Future, flight: _Flight) -> TaskOutcome | None:
+    def _collect(self, future: Future, batch: list[TaskChain]) -> list[list[TaskOutcome]]:
         from distributed import KilledWorker
 
         if future.cancelled():
-            deaths, cause = 1, "the scheduler cancelled it"
             # Without its scheduler, a client has no workers to count, and the run ends.
             self.counted_at = -math.inf
-        else:
-            error: Any = future.exception()
-            if error is None:
-                return future.result()
-            if not isinstance(error, KilledWorker):
-                raise error
-            deaths, cause = self.deaths_per_error, "its worker process ended"
-            remove_leftovers(flight.task)
-        # A task at its time limit stores its outcome before it ends its worker.
-        outcome = read_outcome(flight.task.target, flight.task.key)
-        if outcome.state != OPEN:
-            return outcome
-        flight.deaths += deaths
-        if flight.deaths < _MAX_DEATHS:
-            return None
-        hint = "" if future.cancelled() else self.death_hint
-        reason = f"{cause} {flight.deaths} times{hint}"
-        return store_set_aside(flight.task, reason)
+            return self._collect_stored(batch, 1, "the scheduler cancelled it {} times")
+        error: Any = future.exception()
+        if isinstance(error, KilledWorker):
+            for task in (task for chain in batch for task in chain.tasks):
+                remove_leftovers(task)
+            reason = "its worker process ended {} times" + self.death_hint
+            return self._collect_stored(batch, self.deaths_per_error, reason)
+        if error is not None:
+            raise error
+        outcomes = future.result()
+        self._adapt_batch_size(outcomes)
+        return outcomes
+
+    def _adapt_batch_size(self, outcomes: list[list[TaskOutcome]]) -> None:
+        """Set the number of cases that a worker finishes in about `_REPORT_STEP`."""
+        seconds = sum(outcome.seconds for done in outcomes for outcome in done)
+        cases = sum(bool(done) for done in outcomes)
+        fitting = math.inf if seconds == 0 else cases * _REPORT_STEP / seconds
+        # One fast batch does not predict the next one: the number grows by a factor of two at most.
+        self.batch_size = max(1, int(min(fitting, 2 * self.batch_size, _MAX_BATCH)))
+
+    def _collect_stored(self, batch: list[TaskChain], deaths: int, reason: str) -> list[list[TaskOutcome]]:
+        """Return the outcomes that a lost worker stored, and set its last task aside after enough deaths.
+
+        Args:
+            batch: the cases of the worker.
+            deaths: number of deaths that the loss stands for.
+            reason: reason of a task that is set aside, with a place for its number of deaths.
+        """
+        outcomes = [_read_stored_outcomes(chain) for chain in batch]
+        for chain, done in zip(batch, outcomes, strict=True):
+            rest = chain.list_rest(done).tasks
+            if rest:
+                # The worker ran the tasks in turn: the first one without an outcome was in flight.
+                task = rest[0]
+                self.deaths[task.target] += deaths
+                if self.deaths[task.target] >= _MAX_DEATHS:
+                    done.append(store_set_aside(task, reason.format(self.deaths[task.target])))
+                break
+        return outcomes
 
     def _count_workers(self) -> int:
         """Return the number of worker threads, at least one: a cluster may start its workers later."""
@@ -165,6 +226,17 @@ class TaskEngine:
             self.workers = max(sum(threads.values()), 1)
             self.counted_at = time.monotonic()
         return self.workers
+
+
+def _read_stored_outcomes(chain: TaskChain) -> list[TaskOutcome]:
+    """Return the stored outcomes of the first tasks of a chain."""
+    outcomes: list[TaskOutcome] = []
+    for task in chain.tasks:
+        outcome = read_outcome(task.target, task.key)
+        if outcome.state == OPEN:
+            break
+        outcomes.append(outcome)
+    return outcomes
 
 
 def _read_allowed_failures(client: Client) -> int:

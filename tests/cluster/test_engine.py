@@ -8,8 +8,9 @@ import pytest
 
 pytest.importorskip("distributed", reason="needs the extra pamjax[fleet]")
 
+import pamjax.cluster.engine
 from pamjax.cluster.connect import start_cluster
-from pamjax.cluster.engine import TaskChain, TaskEngine
+from pamjax.cluster.engine import TaskChain, TaskEngine, run_in_turn
 from pamjax.fleet.store import TaskOutcome, read_outcome
 from pamjax.fleet.task import FleetTask
 from tests.cluster import works
@@ -37,14 +38,16 @@ def chains(tmp_path):
     return [TaskChain((build(name, "check"), build(name, "fit"))) for name in NAMES]
 
 
-def run(client, chains, work, **entries):
+def run(client, chains, work, batch_size=1, **entries):
     outcomes = {}
 
     def record(task, outcome):
         assert (task.case, task.stage) not in outcomes
         outcomes[task.case, task.stage] = outcome
 
-    TaskEngine(client, work, **entries).run(chains, record)
+    engine = TaskEngine(client, work, **entries)
+    engine.batch_size = batch_size
+    engine.run(chains, record)
     return outcomes
 
 
@@ -77,6 +80,33 @@ def test_case_that_kills_its_worker_twice_is_set_aside(client, chains):
     assert all(list_states(outcomes, name) == ["done", "done"] for name in NAMES if name != "poison")
     task = chains[2].tasks[0]
     assert read_outcome(task.target, task.key).state == "set aside"
+
+
+def test_death_in_a_batch_concerns_one_case(client, chains):
+    """Three cases are in the first batch: one is done, one kills its worker, and one has not started."""
+    chains = [chains[0], chains[2], chains[1], *chains[3:]]
+    outcomes = run(client, chains, works.kill_worker, batch_size=3)
+    assert list_states(outcomes, "poison") == ["set aside"]
+    assert chains[1].tasks[0].folder.joinpath("deaths.txt").read_text() == "xx"
+    assert all(list_states(outcomes, name) == ["done", "done"] for name in "abcd")
+
+
+def test_cases_of_a_batch_have_tasks_of_a_second_together(client, chains):
+    engine = TaskEngine(client, works.finish)
+    outcome = TaskOutcome("k", "done", seconds=0.1)
+    engine.batch_size = 4
+    engine._adapt_batch_size([[outcome, outcome], [outcome, outcome], []])
+    assert engine.batch_size == 5
+    engine._adapt_batch_size([[TaskOutcome("k", "done", seconds=30.0)], []])
+    assert engine.batch_size == 1
+    engine._adapt_batch_size([[TaskOutcome("k", "done", seconds=0.0)]])
+    assert engine.batch_size == 2
+
+
+def test_worker_returns_after_the_time_of_a_report(chains, monkeypatch):
+    assert [len(done) for done in run_in_turn(works.finish, chains[:2], None)] == [2, 2]
+    monkeypatch.setattr(pamjax.cluster.engine, "_REPORT_STEP", -1.0)
+    assert [len(done) for done in run_in_turn(works.finish, chains[:2], None)] == [1, 0]
 
 
 def test_case_that_kills_its_worker_once_is_repeated(client, chains):

@@ -38,7 +38,7 @@ class CancellingClient:
             raise OSError("no scheduler")
         return {"worker": 1}
 
-    def submit(self, work, task, timeout, *, key, pure):
+    def submit(self, function, work, batch, timeout, *, key, pure):
         self.submitted += 1
         assert self.submitted < 10
         future = SimpleNamespace(key=key, cancelled=lambda: True)
