@@ -34,6 +34,12 @@ _REACTION_TIME = 30.0
 #: Number of memory mappings of a process, at which compiled programs are dropped. Linux permits 65,530.
 _MAX_MAPPINGS = 30_000
 
+#: Time between two counts of the memory mappings, s.
+_COUNT_STEP = 1.0
+
+#: Time of the last count, from `time.monotonic`, s.
+_counted_at = -_COUNT_STEP
+
 
 def run_task(task: FleetTask, timeout: float | None = None) -> TaskOutcome:
     """Run a stage of a case, write its folder, and return the outcome.
@@ -126,6 +132,11 @@ def limit_time(task: FleetTask, timeout: float | None) -> Iterator[None]:
 
 def _drop_programs() -> None:
     """Drop compiled programs before the process exceeds the limit of its memory mappings."""
+    global _counted_at
+    # Counting takes two milliseconds, and a second of work adds few mappings.
+    if time.monotonic() - _counted_at < _COUNT_STEP:
+        return
+    _counted_at = time.monotonic()
     mappings = Path("/proc/self/maps")
     if mappings.exists() and mappings.read_bytes().count(b"\n") > _MAX_MAPPINGS:
         import jax

@@ -56,6 +56,21 @@ def find_differences(folder: Path, other: Path) -> list[str]:
     return sorted(name for name in first | second if first.get(name) != second.get(name))
 
 
+def list_unequal_variables(file: Path, other: Path) -> list[str]:
+    """Return the names of the variables of two netCDF files that differ, with the largest difference."""
+    lines = []
+    with h5py.File(file) as first, h5py.File(other) as second:
+        for name in sorted(set(map(str, first)) | set(map(str, second))):
+            values, others = (
+                np.asarray(part[name]) if name in part else np.empty(0) for part in (first, second)
+            )
+            is_float = values.dtype.kind == "f"
+            if not np.array_equal(values, others, equal_nan=is_float):
+                is_float &= values.shape == others.shape
+                lines.append(f"{name}: {np.nanmax(np.abs(values - others)):g}" if is_float else name)
+    return lines
+
+
 def _read_results(folder: Path) -> dict[str, Any]:
     names = {path.relative_to(folder).as_posix(): path for path in list_results(folder)}
     return {name: _read_content(path) for name, path in names.items() if not name.endswith(TIME_FILES)}

@@ -10,6 +10,7 @@ import pytest
 import pamjax
 from pamjax.cli.main import main
 from pamjax.fleet.store import read_json
+from tests.faults.read_back import list_unequal_variables
 from tests.fleet.made_store import write_made_store
 
 pytest.importorskip("distributed", reason="needs the extra pamjax[fleet]")
@@ -88,7 +89,9 @@ def test_killed_run_continues_to_the_same_store(cases, undisturbed, tmp_path):
     assert {path: path.stat().st_mtime_ns for path in done} == done
     first, second = read_store(undisturbed), read_store(store)
     assert first.keys() == second.keys()
-    assert [name for name in first if first[name] != second[name]] == []
+    unequal = [name for name in first if first[name] != second[name]]
+    details = [list_unequal_variables(undisturbed / k, store / k) for k in unequal if k.endswith(".nc")]
+    assert unequal == [], details
     assert not [path for path in store.glob("cases/*/.*") if path.is_dir()]
 
 
