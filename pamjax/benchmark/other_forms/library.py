@@ -17,6 +17,9 @@ from pamjax.benchmark.other_forms.drawn_form import DrawnForm, FormDrawer
 from pamjax.benchmark.other_forms.muscle import Effect, MusclePath, compute_rate
 from pamjax.benchmark.other_forms.scales import BenchScales, compute_volume, draw_log_uniform
 
+#: Largest pressure drop per unit of flow, Pa s/m³: that of the fit.
+_MAX_IMPEDANCE = 1e11
+
 
 def _draw_drift_warm_up(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
     """Return a drift that warms up with time constant LU(0.05, 0.5) T."""
@@ -237,7 +240,7 @@ def _draw_turbulent_drop(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
             pressure_loss=lambda path: rig_forms.drop_by_turbulence(_compute_flow(s, path), s.flow, amplitude)
         )
 
-    return DrawnForm("pressure_drop", "turbulent", "drop", 1e5, build, {"flow": s.flow})
+    return DrawnForm("pressure_drop", "turbulent", "drop", _limit_drop(s), build, {"flow": s.flow})
 
 
 def _draw_orifice_drop(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
@@ -250,7 +253,12 @@ def _draw_orifice_drop(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
             )
         )
 
-    return DrawnForm("pressure_drop", "orifice", "drop", 1e5, build, {"flow": s.flow})
+    return DrawnForm("pressure_drop", "orifice", "drop", _limit_drop(s), build, {"flow": s.flow})
+
+
+def _limit_drop(s: BenchScales) -> float:
+    """Return the largest pressure drop, Pa: without flow there is none."""
+    return min(1e5, _MAX_IMPEDANCE * s.flow)
 
 
 def _compute_flow(s: BenchScales, path: MusclePath) -> np.ndarray:

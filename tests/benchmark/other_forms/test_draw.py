@@ -81,6 +81,15 @@ def test_form_is_neutral_at_zero_and_reaches_its_size(name, bench):
     assert amplitudes
 
 
+@pytest.mark.parametrize("id", ["pressure_drop", "viscous_damping"])
+def test_effect_of_motion_has_no_size_at_fixed_lengths(id, bench):
+    """Rounding gives fixed lengths a flow of about 1e-21 m³/s."""
+    scales = replace(bench[0], speed=0.0, flow=1e-21)
+    for draw_form in OTHER_FORMS[id]:
+        assert draw_form(np.random.default_rng(0), bench[0]).limit > 100.0
+        assert draw_form(np.random.default_rng(0), scales).limit < 1e-9
+
+
 def test_change_that_the_baseline_absorbs_has_no_size(bench):
     """Negative control: a longer thread is no effect, because the baseline is refitted."""
     _, baseline = bench
