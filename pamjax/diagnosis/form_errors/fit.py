@@ -23,6 +23,7 @@ from pamjax.diagnosis.refit.least_squares import (
     MapEstimate,
     compute_priors,
     evaluate_estimate,
+    find_parameters_at_limit,
     fit_parameters,
     transform_to_coordinates,
 )
@@ -97,7 +98,17 @@ def estimate_form_shares(
 
 
 def build_form_cost(problem: LibraryProblem, estimate: MapEstimate, forms: Sequence[np.ndarray]) -> FormCost:
-    """Return −2 ln L as a function of the shares; arguments as in `estimate_form_shares`."""
+    """Return −2 ln L as a function of the shares; arguments as in `estimate_form_shares`.
+
+    Parameters at a limit are fixed: beyond it, they would explain the residual in place of the form errors.
+    """
     mean, _ = compute_priors(problem, estimate.free)
     deviation = transform_to_coordinates(problem, estimate.free, estimate.values) - mean
-    return FormCost(estimate.residual, estimate.jacobian, 1 / estimate.prior_sd**2, deviation, forms)
+    inside = np.delete(np.arange(len(estimate.free)), find_parameters_at_limit(problem, estimate))
+    return FormCost(
+        estimate.residual,
+        estimate.jacobian[:, inside],
+        1 / estimate.prior_sd[inside] ** 2,
+        deviation[inside],
+        forms,
+    )

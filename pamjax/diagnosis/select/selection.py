@@ -13,6 +13,7 @@ import numpy as np
 
 from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.detect.score_test import compute_score_directions
+from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model, switch_off_candidate
@@ -231,14 +232,18 @@ def _assess_mechanism(problem, fit: ModelFit, k: int, candidates) -> NamedMechan
     ]
     close_trials = sorted(close_trials, key=lambda trial: trial.bic)[: problem.settings.final_refit_count]
     fit_by_id = {m.mechanisms[-1].id: m for m in [*trials, *refit_fully(problem, close_trials)]}
-    bic_increase = {id: m.bic - fit.bic for id, m in fit_by_id.items()}
-    # Excess misfit shows the error of the equations here: it widens the scale of the comparison.
-    scale = 1 + fit.excess_chi2 / problem.settings.comparison_excess_chi2
+    # Real effects depart from their equations: a rival must explain more than these form errors.
+    form_fit = add_form_errors(problem, fit)
+    bic_increase = {
+        id: add_form_errors(problem, m).full_bic - form_fit.full_bic for id, m in fit_by_id.items()
+    }
+    # The misfit beyond form errors widens the scale of the comparison.
+    scale = 1 + form_fit.excess_chi2 / problem.settings.comparison_excess_chi2
     weights = {id: np.exp(-0.5 * max(increase, 0.0) / scale) for id, increase in bic_increase.items()}
     indistinguishable = [
         id
         for id, increase in bic_increase.items()
-        if increase < problem.settings.tie_chi2 + problem.settings.tie_excess_share * fit.excess_chi2
+        if increase < problem.settings.tie_chi2 + problem.settings.tie_excess_share * form_fit.excess_chi2
     ]
     tied_weight = sum(weights[id] for id in indistinguishable)
     probability = compute_probability(

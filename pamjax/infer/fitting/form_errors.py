@@ -148,7 +148,11 @@ def _estimate_shares(
         form = np.zeros((len(columns[k][id]), residual.size))
         form[:, ends[k] : ends[k + 1]] = whiten_columns(datasets[k], jnp.asarray(columns[k][id]))
         forms.append(form)
-    chosen = choose_shares(FormCost(residual, jacobian.T, *_linearise_prior(space, solution.u), forms))
+    # Beyond its limit, a parameter would explain the residual in place of the form errors.
+    at_bound = space.find_names_at_bound(solution.u)
+    inside = [k for k, name in enumerate(space.names) if name not in at_bound]
+    precision, deviation = (part[inside] for part in _linearise_prior(space, solution.u))
+    chosen = choose_shares(FormCost(residual, jacobian[inside].T, precision, deviation, forms))
     out: list[dict[str, float]] = [{} for _ in datasets]
     for (k, id), share in zip(keys, chosen, strict=True):
         out[k][id] = share

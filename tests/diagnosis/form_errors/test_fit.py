@@ -22,7 +22,12 @@ def problem(monkeypatch):
     monkeypatch.setattr(
         "pamjax.diagnosis.form_errors.fit.compute_priors", lambda problem, free: (PRIOR_MEAN, PRIOR_SD)
     )
-    return SimpleNamespace(is_logarithmic=np.zeros(2, dtype=bool), settings=DEFAULT_SETTINGS)
+    return SimpleNamespace(
+        is_logarithmic=np.zeros(2, dtype=bool),
+        low=np.full(2, -9.0),
+        high=np.full(2, 9.0),
+        settings=DEFAULT_SETTINGS,
+    )
 
 
 def build_estimate(residual, jacobian, values):
@@ -73,3 +78,16 @@ def test_the_true_share_is_the_most_likely_one(problem, true_share):
     estimate = build_estimate(residual, 1e-9 * jacobian, PRIOR_MEAN)
     (estimated,) = estimate_form_shares(problem, estimate, [form])
     assert estimated == pytest.approx(share)
+
+
+@pytest.mark.parametrize("value", [0.4, 9.0])
+def test_parameter_at_its_limit_does_not_replace_a_form_error(problem, value):
+    """The residual is a form error that the derivative by the second parameter resembles."""
+    rng = np.random.default_rng(6)
+    form = rng.standard_normal((1, N))
+    jacobian = np.stack([rng.standard_normal(N), form[0]], axis=1)
+    residual = rng.standard_normal(N) + 10 * form[0]
+    values = np.array([PRIOR_MEAN[0], value])
+    estimate = build_estimate(residual, 1e3 * jacobian, values)
+    (share,) = estimate_form_shares(problem, estimate, [100 * form])
+    assert (share > 0) == (value == 9.0)
