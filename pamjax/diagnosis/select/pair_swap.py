@@ -76,17 +76,12 @@ def _find_better_pair(search: MechanismSearch, fit: ModelFit) -> ModelFit | None
         for trial, result in (
             (trial, _finish_search(search, trial)) for trial in promising[: search.settings.final_refit_count]
         )
-        if _compute_bic(search, result) < _compute_bic(search, fit) - search.settings.tie_chi2
+        if search.compute_bic(result) < search.compute_bic(fit) - search.settings.tie_chi2
         and _is_acceptable(
             search, fit, result, has_more_mechanisms=len(trial.mechanisms) > len(fit.mechanisms)
         )
     ]
-    return min(results, key=partial(_compute_bic, search), default=None)
-
-
-def _compute_bic(search: MechanismSearch, fit: ModelFit) -> float:
-    """Return the BIC of a model with the form errors of its mechanisms."""
-    return add_form_errors(search.problem, fit).full_bic
+    return min(results, key=search.compute_bic, default=None)
 
 
 def _is_acceptable(
@@ -111,8 +106,8 @@ def _finish_search(search: MechanismSearch, rough_fit: ModelFit) -> ModelFit:
     if not leaves_only_noise(search, start_fit):
         return result
     complete = prune_mechanisms(search, start_fit, may_be_small=True)
-    is_better = leaves_only_noise(search, complete) and _compute_bic(search, complete) < _compute_bic(
-        search, result
+    is_better = leaves_only_noise(search, complete) and (
+        search.compute_bic(complete) < search.compute_bic(result)
     )
     return complete if is_better else result
 

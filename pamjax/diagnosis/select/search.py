@@ -78,6 +78,10 @@ class MechanismSearch:
         """Return the fit, refitted with noise from its own residual."""
         return fit_model(self.problem, self.training_mask, fit.mechanisms, fit.estimate.values)
 
+    def compute_bic(self, fit: ModelFit) -> float:
+        """Return the BIC of a model with the form errors of its mechanisms."""
+        return add_form_errors(self.problem, fit).full_bic
+
     def is_worthwhile(
         self,
         reduced_fit: ModelFit,

@@ -18,6 +18,7 @@ from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model, switch_off_candidate
 from pamjax.diagnosis.select.masked_effects import add_masked_effects
+from pamjax.diagnosis.select.merge_mechanisms import merge_mechanisms
 from pamjax.diagnosis.select.neighbour_fits import (
     compute_rough_limit,
     fit_replacements,
@@ -113,9 +114,8 @@ def select_mechanisms(
     candidates = build_candidates(problem)
     baseline_directions = compute_score_directions(problem, baseline.noise, baseline.estimate, candidates)
     search = MechanismSearch(problem, training_mask, baseline, candidates, progress)
-    unmasked_fit = remove_redundant_mechanisms(
-        search, swap_pairs(search, search_mechanisms(search, baseline_directions))
-    )
+    found_fit = swap_pairs(search, search_mechanisms(search, baseline_directions))
+    unmasked_fit = remove_redundant_mechanisms(search, merge_mechanisms(search, found_fit))
     fit_without_small_effects = add_masked_effects(search, unmasked_fit)
     masked_ids = frozenset(fit_without_small_effects.ids) - frozenset(unmasked_fit.ids)
     fit = (
