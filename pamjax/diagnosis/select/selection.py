@@ -57,7 +57,7 @@ class NamedMechanism:
         probability: probability that it, or one indistinguishable from it, is present.
         indistinguishable: ids of the mechanisms that explain this recording as well.
         chi2_increase: increase of χ² without it, after a refit.
-        rival_bic_increase: increase of the BIC with a rival in its place, by id of the rival.
+        rival_bic_increase: increase of the BIC, with form errors, by each rival in its place.
         form_error: rms of its form error over the rms of its effect; None if its equation has none.
         indistinguishable_fits: the refit with each indistinguishable rival.
     """
