@@ -215,7 +215,8 @@ class TaskEngine:
                 task = rest[0]
                 self.deaths[task.target] += deaths
                 if self.deaths[task.target] >= _MAX_DEATHS:
-                    done.append(store_set_aside(task, reason.format(self.deaths[task.target])))
+                    count = str(self.deaths[task.target])
+                    done.append(store_set_aside(task, reason.replace("{}", count)))
                 break
         return outcomes
 
