@@ -149,7 +149,6 @@ def fit_replacements(
     )
 
 
-@memoise_per_fit(lambda k: k)
 def fit_without_mechanism(problem: LibraryProblem, fit: ModelFit, k: int) -> ModelFit:
     """Return the model without its k-th mechanism, refitted with the same noise."""
     return fit_without_mechanisms(problem, fit, [k])
@@ -160,6 +159,7 @@ def refit_baseline(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
     return fit_without_mechanisms(problem, fit, range(len(fit.mechanisms)))
 
 
+@memoise_per_fit(lambda positions: tuple(positions))
 def fit_without_mechanisms(problem: LibraryProblem, fit: ModelFit, positions: Sequence[int]) -> ModelFit:
     """Return the model without the mechanisms at some positions, refitted with the same noise."""
     remaining = tuple(m for k, m in enumerate(fit.mechanisms) if k not in positions)
