@@ -139,7 +139,8 @@ class ByHand:
 
     def _extension(self, load):
         most = np.maximum.accumulate(load)
-        bedded = -self.of["thread_slip.bedding"] * np.expm1(-most / self.of["thread_slip.load"])
+        relative = (most / self.of["thread_slip.load"]) ** self.of["thread_slip.bedding_exponent"]
+        bedded = -self.of["thread_slip.bedding"] * np.expm1(-relative)
         late = (self.time - self.of["thread_slip.when"]) / self.of["thread_slip.during"]
         return bedded + self.of["thread_slip.step"] * 0.5 * (1 + np.tanh(0.5 * late))
 

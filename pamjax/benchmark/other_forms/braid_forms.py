@@ -119,7 +119,7 @@ def bed_in_by_power(load: np.ndarray, strain: float, exponent: float) -> np.ndar
     """Return a (Tmax/T1)^m, Tmax the largest load so far and T1 that of the recording.
 
     Zero without load, a at the end. Source: constructional stretch of ropes as a power law; the fit
-    saturates exponentially.
+    saturates at large loads.
     """
     largest = np.maximum.accumulate(np.maximum(load, 0.0))
     return strain * (largest / max(largest[-1], 1e-12)) ** exponent

@@ -232,9 +232,15 @@ def _build_mullins_softening(scales: RecordingScales) -> list[Candidate]:
 
 
 def _build_thread_slip(scales: RecordingScales) -> list[Candidate]:
+    shapes = [
+        *((share, {}) for share in (0.1, 0.35, 1.2)),
+        *((share, {"thread_slip.bedding_exponent": 2.5}) for share in (0.6, 1.5)),
+    ]
     bedding = [
-        Candidate("thread_slip", ("thread_slip.bedding",), {"thread_slip.load": share * scales.load})
-        for share in (0.1, 0.35, 1.2)
+        Candidate(
+            "thread_slip", ("thread_slip.bedding",), {"thread_slip.load": share * scales.load, **refinement}
+        )
+        for share, refinement in shapes
     ]
     moments = (
         scales.start_time

@@ -8,7 +8,8 @@ substantial   it explains a good part of the remaining misfit: textbook equation
 sizeable      the misfit that it alone explains is not small relative to that of the baseline, or it explains
               all of the remaining misfit
 
-All three tests allow for the form errors of the mechanisms that are in the model already.
+All three tests allow for the form errors of the mechanisms that are in the model already. At the end, each
+mechanism is tested again. It stays if it passes with the form errors of the others, or without them.
 
 The third test is omitted if small effects together leave only noise. A wrong first mechanism can mislead the
 search, so a search with a large residual restarts from the best pairs of mechanisms.
@@ -28,10 +29,8 @@ from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_dir
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.model_fit import (
-    ModelFit,
-    fit_model,
-)
+from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.model_fit import ModelFit, build_corrected_fit, fit_model
 from pamjax.diagnosis.select.neighbour_fits import (
     compute_rough_limit,
     fit_replacements,
@@ -266,10 +265,33 @@ def prune_mechanisms(search: MechanismSearch, fit: ModelFit, may_be_small: bool 
         )
         chi2_increases = [reduced_fit.corrected_chi2 - fit.corrected_chi2 for reduced_fit in reduced_fits]
         k = int(np.argmin(chi2_increases))
-        if search.is_worthwhile(reduced_fits[k], fit, may_be_small, fit.mechanisms[k]):
+        candidate = fit.mechanisms[k]
+        if search.is_worthwhile(reduced_fits[k], fit, may_be_small, candidate):
+            break
+        if _is_worthwhile_beside_form_errors(search, reduced_fits[k], fit, may_be_small, candidate):
             break
         fit = search.refit(reduced_fits[k])
     return fit
+
+
+def _is_worthwhile_beside_form_errors(
+    search: MechanismSearch,
+    reduced_fit: ModelFit,
+    fit: ModelFit,
+    may_be_small: bool,
+    candidate: Candidate,
+) -> bool:
+    """Return whether a mechanism explains enough of what the form errors of the others leave."""
+    reduced_fit = add_form_errors(search.problem, reduced_fit)
+    estimate = fit_parameters(
+        search.problem,
+        reduced_fit.noise,
+        fit.estimate.free,
+        fit.estimate.values,
+        search.settings.rough_evaluations,
+    )
+    extended_fit = build_corrected_fit(search.problem, fit.mechanisms, reduced_fit.noise, estimate)
+    return search.is_worthwhile(reduced_fit, extended_fit, may_be_small, candidate)
 
 
 def _find_restart_pairs(

@@ -7,6 +7,7 @@ rubber     force of the bladder against contraction
 creep      relaxing stress against time
 softening  force of the part of the wall that softens, against contraction
 supply     pressure drop against flow
+bedding    permanent elongation against the largest load so far
 """
 
 # Mechanisms take plain numbers here; their fields are typed as arrays.
@@ -33,6 +34,7 @@ from pamjax.model.mechanisms.end_taper import EndTaper
 from pamjax.model.mechanisms.force_drift import ForceDrift
 from pamjax.model.mechanisms.mullins_softening import MullinsSoftening
 from pamjax.model.mechanisms.pressure_drop import PressureDrop
+from pamjax.model.mechanisms.thread_slip import ThreadSlip
 from pamjax.model.mechanisms.viscoelastic_creep import ViscoelasticCreep
 from pamjax.model.state import Cylinder, State
 from pamjax.view.figures.mechanism_demo import DEMO_REST_LENGTH, DEMO_THREAD_LENGTH, DEMO_TURNS
@@ -59,8 +61,7 @@ def plot_refinements() -> Figure:
     """Return the figure: a panel for each mechanism with a refinement, and two for friction."""
     with apply_theme():
         figure = create_figure(DOUBLE_COLUMN, 11.0)
-        *panels, empty = figure.subplots(5, 2).flat
-        empty.remove()
+        panels = list(figure.subplots(5, 2).flat)
         _plot_curves(panels[0], "force_drift", compute_drifts(), "time [min]", "zero [N]")
         _plot_curves(panels[1], "braid_locking", compute_lockings(), "contraction [%]", "force [N]")
         _plot_curves(panels[2], "bladder_elasticity", compute_rubbers(), "contraction [%]", "force [N]")
@@ -70,6 +71,7 @@ def plot_refinements() -> Figure:
         _plot_curves(panels[6], "mullins_softening", compute_softenings(), "contraction [%]", "force [N]")
         _plot_curves(panels[7], "pressure_drop", compute_pressure_drops(), "flow [ml/s]", "drop [kPa]")
         _plot_curves(panels[8], "end_taper", compute_end_losses(), "contraction [%]", "force [N]")
+        _plot_curves(panels[9], "thread_slip", compute_beddings(), "largest load [N]", "elongation [%]")
         for panel in (panels[0], panels[3]):
             # Room for the legend above the curves.
             low, high = panel.get_ylim()
@@ -233,6 +235,21 @@ def compute_pressure_drops() -> Curves:
     return {
         name: (flow[inner], -1e-3 * np.asarray(drop.pressure(history, past))[inner])
         for name, drop in forms.items()
+    }
+
+
+def compute_beddings() -> Curves:
+    """Return the permanent elongation of the threads, %, against the largest load so far, by exponent."""
+    load = jnp.linspace(0.0, 1000.0, 201)
+    time, nothing = np.arange(load.size, dtype=float), jnp.zeros(load.size)
+    history = build_time_history(time, time == 0)
+    past = Past(_build_state(np.full(load.size, DEMO_REST_LENGTH)), nothing, load, nothing)
+    return {
+        f"exponent {exponent:g}": (
+            np.asarray(load),
+            100 * np.asarray(ThreadSlip(1e-3, 500.0, exponent).extension(history, past)),
+        )
+        for exponent in (1.0, 2.0, 5.0)
     }
 
 

@@ -8,7 +8,7 @@ from tests.agreement import SOLVED, agree
 
 CURVES = (
     *("drifts", "lockings", "rubbers", "loops", "strengths"),
-    *("relaxations", "softenings", "pressure_drops", "end_losses"),
+    *("relaxations", "softenings", "pressure_drops", "end_losses", "beddings"),
 )
 
 
