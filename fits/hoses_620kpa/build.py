@@ -9,16 +9,18 @@ dimensions, the source and the checksum of the table.
 
 from __future__ import annotations
 
-import argparse
-import hashlib
-import io
 import re
+import sys
 from pathlib import Path
 
 import pandas as pd
 
-from pamjax.errors import BadInput
-from pamjax.records.files import read_bytes
+# The checkout, in which `fits` is a package.
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from fits.source_table import build_parser, read_source_table, run_build
+
+#: Folder of the results.
+DEFAULT_OUT = "out/hoses_620kpa"
 
 #: Columns of the table.
 COLUMNS = ["lrest_mm", "length_mm", "force_N", "pressure_kPa", "note"]
@@ -48,28 +50,6 @@ length = "1 mm"
 [baseline]
 model = "inelastic"
 """
-
-
-def read_table(file: Path) -> tuple[pd.DataFrame, str]:
-    """Return the table of the source and its SHA-256.
-
-    Raises:
-        BadInput: if it cannot be read, has other columns, or a value is missing or no number.
-    """
-    raw = read_bytes(file)
-    remedy = f"Use the table of the source, with the columns {', '.join(COLUMNS)}."
-    try:
-        table = pd.read_csv(io.BytesIO(raw), encoding_errors="replace")
-    except (pd.errors.EmptyDataError, pd.errors.ParserError) as error:
-        raise BadInput.from_rule("no table with columns", str(error).strip(), file.name, remedy) from error
-    if list(table.columns) != COLUMNS:
-        raise BadInput.from_rule("unknown columns", ", ".join(map(str, table.columns)), file.name, remedy)
-    numbers = table[COLUMNS[:-1]].apply(pd.to_numeric, errors="coerce")
-    if wrong := [f"line {row + 2}" for row in table.index[numbers.isna().any(axis=1)]]:
-        rule = "each row needs rest length, length, force and pressure"
-        raise BadInput.from_rule(rule, ", ".join(wrong), file.name, "Correct these lines.")
-    notes = table["note"].fillna("").astype(str)
-    return numbers.assign(note=notes), hashlib.sha256(raw).hexdigest()
 
 
 def write_cases(table: pd.DataFrame, folder: Path, file: str = "", checksum: str = "") -> list[Path]:
@@ -110,27 +90,15 @@ def build_cases(file: Path, folder: Path) -> list[Path]:
     Raises:
         BadInput: for a wrong table.
     """
-    table, checksum = read_table(file)
+    table, checksum = read_source_table(
+        file, COLUMNS, text="note", rule="each row needs rest length, length, force and pressure"
+    )
     return write_cases(table, folder, file.name, checksum)
 
 
-def build_parser(description: str | None) -> argparse.ArgumentParser:
-    """Return a parser for the table and the folder of the results."""
-    style = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=description, formatter_class=style)
-    parser.add_argument("table", type=Path, help="the table of the source")
-    parser.add_argument("--out", type=Path, default=Path("out/hoses_620kpa"), help="folder for the results")
-    return parser
-
-
 def main(arguments: list[str] | None = None) -> None:
-    parser = build_parser(__doc__)
-    options = parser.parse_args(arguments)
-    try:
-        folders = build_cases(options.table, options.out)
-    except BadInput as error:
-        parser.error(str(error))
-    for folder in folders:
+    parser = build_parser(__doc__, DEFAULT_OUT)
+    for folder in run_build(parser, build_cases, arguments).folders:
         print(f"wrote {folder}")
 
 

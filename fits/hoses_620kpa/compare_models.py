@@ -15,23 +15,31 @@ also in comparison.json.
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
-from build import build_cases, build_parser
+from build import DEFAULT_OUT, build_cases
 
 from pamjax.baselines.empirical import fit_sarosi
 from pamjax.compile.jax_cache import keep_compiled
-from pamjax.errors import BadInput
-from pamjax.infer.fitting.cross_validation import exclude_rows
 from pamjax.infer.fitting.fit import fit
-from pamjax.infer.fitting.least_squares import solve_least_squares
-from pamjax.infer.fitting.result import Fit
-from pamjax.infer.problem.dataset import predict_row_channels
 from pamjax.infer.problem.priors import list_free_parameters
 from pamjax.records.case import Case, read_case
+
+# The checkout, in which `fits` is a package.
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from fits.series import (
+    Predictor,
+    SeriesErrors,
+    build_model,
+    compute_contraction,
+    compute_errors,
+    format_table,
+)
+from fits.source_table import build_parser, run_build
 
 #: Names of the models in the order of the table: thread law and mechanisms.
 MODELS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -50,51 +58,12 @@ OWN = "muscle.rest_length"
 #: Model whose series also have dimensions of their own.
 OWN_DIMENSIONS = "rubber, own dimensions"
 
-#: Function from the indices of the fitted series to the force, N, of all rows of each series.
-Predictor = Callable[[Sequence[int]], list[np.ndarray]]
-
-
-@dataclass(frozen=True)
-class SeriesErrors:
-    """Rms errors of force of each series, N.
-
-    Attributes:
-        fitted: with all series in the fit.
-        left_out: with the series of the same rest length left out.
-    """
-
-    fitted: list[float]
-    left_out: list[float]
-
 
 def list_shared(case: Case, law: str, mechanisms: tuple[str, ...], own_dimensions: bool = False) -> list[str]:
     """Return the parameters that all series share."""
     names = [free.name for free in list_free_parameters(case, law, mechanisms) if free.name != OWN]
     dimensions = ("muscle.", "bladder_elasticity.inner")
     return [name for name in names if not (own_dimensions and name.startswith(dimensions))]
-
-
-def build_model(fitted: Fit) -> Predictor:
-    """Return the model with the priors and weights of a fit to all series."""
-
-    def predict(kept: Sequence[int]) -> list[np.ndarray]:
-        training = tuple(
-            dataset if k in kept else exclude_rows(dataset, np.ones(dataset.rows.force_weight.size, bool))
-            for k, dataset in enumerate(fitted.datasets)
-        )
-        solution = solve_least_squares(training, fitted.limited_space, fitted.solution.u, fitted.loss)
-        values = fitted.space.to_values(solution.u)
-        return [
-            predict_row_channels(dataset, values)[0, : case_fit.case.recording.n]
-            for dataset, case_fit in zip(fitted.datasets, fitted.cases, strict=True)
-        ]
-
-    return predict
-
-
-def compute_contraction(case: Case) -> np.ndarray:
-    """Return the contraction of each row, (n,)."""
-    return 1 - case.recording.length / case.muscle_toml.rest_length.value
 
 
 def build_formula(cases: list[Case], fit_formula: Callable[..., Callable]) -> Predictor:
@@ -132,19 +101,9 @@ def fit_parabola(pressure: np.ndarray, contraction: np.ndarray, force: np.ndarra
 FORMULAS = {"Sárosi's formula": fit_sarosi_at_one_pressure, "parabola": fit_parabola}
 
 
-def compute_errors(cases: list[Case], predict: Predictor) -> SeriesErrors:
-    """Return the errors of a model; series of one rest length are left out together, as one hose."""
-    rest = [case.muscle_toml.rest_length.value for case in cases]
-    everything = predict(range(len(cases)))
-    left_out = [predict([j for j in range(len(cases)) if rest[j] != rest[k]])[k] for k in range(len(cases))]
-    return SeriesErrors(_compute_rmse(cases, everything), _compute_rmse(cases, left_out))
-
-
-def _compute_rmse(cases: list[Case], forces: list[np.ndarray]) -> list[float]:
-    return [
-        float(np.sqrt(np.mean((case.recording.force - force) ** 2)))
-        for case, force in zip(cases, forces, strict=True)
-    ]
+def list_rest_lengths(cases: list[Case]) -> list[float]:
+    """Return the rest length of each series, m; series of one rest length are left out together."""
+    return [case.muscle_toml.rest_length.value for case in cases]
 
 
 def compute_ruler_errors(cases: list[Case], predict: Predictor, sd: float = 1e-3) -> list[float]:
@@ -170,20 +129,11 @@ def compute_repeat_differences(cases: list[Case]) -> dict[str, float]:
     return differences
 
 
-def format_table(cases: list[Case], errors: dict[str, SeriesErrors], unit: str) -> str:
+def format_errors(cases: list[Case], errors: dict[str, SeriesErrors], unit: str) -> str:
     """Return the errors as Markdown, fitted and left out, in N or in % of the largest force of a series."""
     names = [case.name.removeprefix("hose-") for case in cases]
-    lines = [f"| {unit} | " + " | ".join(names) + " | all rows |", "|---" * (len(cases) + 2) + "|"]
     scales = np.array([case.recording.force.max() / 100 if unit == "%" else 1.0 for case in cases])
-    rows = [case.recording.n for case in cases]
-    for model, both in errors.items():
-        columns = [
-            [*values, np.sqrt(np.average(values**2, weights=rows))]
-            for values in (np.array(both.fitted) / scales, np.array(both.left_out) / scales)
-        ]
-        cells = [f"{fitted:.3g}, {left_out:.3g}" for fitted, left_out in zip(*columns, strict=True)]
-        lines.append(f"| {model} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+    return format_table(names, [case.recording.n for case in cases], errors, unit, scales)
 
 
 def compare(cases: list[Case]) -> dict[str, SeriesErrors]:
@@ -195,7 +145,8 @@ def compare(cases: list[Case]) -> dict[str, SeriesErrors]:
     shared = list_shared(cases[0], law, mechanisms, own_dimensions=True)
     errors[OWN_DIMENSIONS] = _compare_model(cases, law, shared, mechanisms)
     for name, fit_formula in FORMULAS.items():
-        errors[name] = compute_errors(cases, build_formula(cases, fit_formula))
+        formula = build_formula(cases, fit_formula)
+        errors[name] = compute_errors(cases, formula, list_rest_lengths(cases))
     return errors
 
 
@@ -204,21 +155,17 @@ def _compare_model(
 ) -> SeriesErrors:
     fitted = fit(cases, law, shared, mechanisms, starts=2, fold_count=2)
     print(fitted, end="\n\n")
-    return compute_errors(cases, build_model(fitted))
+    return compute_errors(cases, build_model(fitted), list_rest_lengths(cases))
 
 
 def main(arguments: list[str] | None = None) -> None:
-    parser = build_parser(__doc__)
-    options = parser.parse_args(arguments)
+    options = run_build(build_parser(__doc__, DEFAULT_OUT), build_cases, arguments)
     keep_compiled()
-    try:
-        cases = [read_case(folder) for folder in build_cases(options.table, options.out)]
-    except BadInput as error:
-        parser.error(str(error))
+    cases = [read_case(folder) for folder in options.folders]
     errors = compare(cases)
     print("rms error of force: all series fitted, hose left out\n")
     for unit in ("N", "%"):
-        print(format_table(cases, errors, unit), end="\n\n")
+        print(format_errors(cases, errors, unit), end="\n\n")
     ruler = compute_ruler_errors(cases, build_formula(cases, fit_sarosi_at_one_pressure))
     print("an error of 1 mm of each length changes the force by, N:", ", ".join(f"{x:.3g}" for x in ruler))
     repeats = compute_repeat_differences(cases)

@@ -111,11 +111,12 @@ def test_wrong_table_is_refused(scripts, script, text, message, tmp_path, capsys
 def test_formula_predicts_a_hose_that_follows_it(scripts, build, formula, compute_force):
     cases, script = build(compute_force=compute_force), scripts[1]
     predict = script.build_formula(cases, script.FORMULAS[formula])
-    errors = script.compute_errors(cases, predict)
+    errors = script.compute_errors(cases, predict, script.list_rest_lengths(cases))
     assert max(errors.fitted + errors.left_out) < 1e-3
     # A hose that is 10 % stronger is missed by 10 % if it is left out.
     stronger = build(compute_force=compute_force, scale_first=1.1)
-    errors = script.compute_errors(stronger, script.build_formula(stronger, script.FORMULAS[formula]))
+    predict = script.build_formula(stronger, script.FORMULAS[formula])
+    errors = script.compute_errors(stronger, predict, script.list_rest_lengths(stronger))
     rms = np.sqrt(np.mean(compute_force(CONTRACTION) ** 2))
     assert errors.left_out[0] == pytest.approx(0.1 * rms, rel=1e-3)
     assert errors.fitted[0] < errors.left_out[0]
@@ -129,7 +130,7 @@ def test_series_of_one_hose_are_left_out_together(scripts, build):
         return [np.zeros(case.recording.n) for case in cases]
 
     cases = build()
-    scripts[1].compute_errors(cases, predict)
+    scripts[1].compute_errors(cases, predict, scripts[1].list_rest_lengths(cases))
     assert kept_series == [[0, 1, 2], [1, 2], [0], [0]]
 
 
@@ -166,7 +167,7 @@ def test_table_has_newtons_percent_and_all_rows(scripts, build):
     cases = build()
     errors = {"model": scripts[1].SeriesErrors([3.0, 4.0, 5.0], [30.0, 40.0, 50.0])}
     for unit, cell, last in (("N", "3, 30", "4.08, 40.8"), ("%", "0.6, 6", "0.816, 8.16")):
-        head, _, row = scripts[1].format_table(cases, errors, unit).splitlines()
+        head, _, row = scripts[1].format_errors(cases, errors, unit).splitlines()
         assert head == f"| {unit} | 100 | 200 | 200-brake-cable | all rows |"
         assert row.startswith(f"| model | {cell} | ")
         assert row.endswith(f"| {last} |")
