@@ -11,6 +11,9 @@ import shutil
 import tempfile
 from pathlib import Path
 
+import matplotlib.image
+import numpy as np
+
 HERE = Path(__file__).parent
 project = "pamjax"
 author = "The pamjax authors"
@@ -28,6 +31,8 @@ html_theme = "furo"
 html_title = "pamjax"
 html_show_sourcelink = False
 copybutton_prompt_text = "$ "
+#: Width of the text of the site, pixels: a narrower picture would be blurred.
+MIN_PICTURE_WIDTH = 700
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
 #: The docstrings describe the attributes.
@@ -48,7 +53,7 @@ def draw_gallery(_=None):
     """Run the code of the gallery, and write its figures to `_generated/gallery`.
 
     Raises:
-        Exception: any error of the code ends the build.
+        Exception: any error of the code, or a difference between page and figures, ends the build.
     """
     from pamjax.compile.jax_cache import keep_compiled
 
@@ -57,7 +62,10 @@ def draw_gallery(_=None):
     shutil.rmtree(target, ignore_errors=True)  # a former figure would hide that a figure is missing
     target.mkdir(parents=True)
     with tempfile.TemporaryDirectory() as folder:
-        run_gallery((HERE / "gallery.md").read_text("utf-8"), Path(folder))
+        text = (HERE / "gallery.md").read_text("utf-8")
+        names = run_gallery(text, Path(folder))
+        if differences := find_gallery_differences(text, names, Path(folder)):
+            raise RuntimeError("the gallery differs from its figures: " + "; ".join(differences))
         for figure in Path(folder).glob("*.png"):
             shutil.copy(figure, target)
 
@@ -75,6 +83,41 @@ def run_gallery(text, folder):
             elif main(shlex.split(code.removeprefix("$ pamjax "))):
                 raise RuntimeError(f"the command of the gallery failed: {code}")
     return names
+
+
+def list_pictures(text):
+    """Return the (figure that a block of code writes, picture below the block) of a page."""
+    return re.findall(
+        r"""savefig\("([\w-]+\.png)"[^)]*\)\n```\n\n!\[[^\]]+\]\(_generated/gallery/([^)]+)\)""", text
+    )
+
+
+def find_gallery_differences(text, names, folder):
+    """Return a sentence for each difference between the gallery and the figures that its code draws.
+
+    Args:
+        text: the page.
+        names: the names that its code assigns.
+        folder: folder of the figures.
+    """
+    pairs, drawn = list_pictures(text), {path.name for path in folder.glob("*.png")}
+    shown = {picture for _, picture in pairs}
+    out = [f"{written} is shown as {picture}" for written, picture in pairs if written != picture]
+    if not len(pairs) == text.count("![") == text.count("```python"):
+        out.append("each block of Python code needs one picture below it")
+    out += [f"{name} is not shown" for name in sorted(drawn - shown)]
+    out += [f"{name} is not drawn" for name in sorted(shown - drawn)]
+    for name in sorted(shown & drawn):
+        image = matplotlib.image.imread(folder / name)
+        if image.shape[1] < MIN_PICTURE_WIDTH:
+            out.append(f"{name} is narrower than {MIN_PICTURE_WIDTH} pixels")
+        # An empty frame has no colour.
+        if (np.ptp(image[..., :3], axis=2) > 0.1).mean() < 5e-4:
+            out.append(f"{name} is empty")
+    for result, cell in re.findall(r"^\| `(\w+)` \| (.*) \|$", text, re.M):
+        if re.findall("`(.*?)`", cell) != list(names[result].list_figures()):
+            out.append(f"the figures of `{result}` are {', '.join(names[result].list_figures())}")
+    return out
 
 
 def commands():

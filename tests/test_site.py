@@ -28,7 +28,7 @@ def steps(page):
             yield language, body
 
 
-#: Pages whose code other tests run: `test_docs.py` and `test_gallery.py`.
+#: Pages whose code runs elsewhere: in `test_docs.py`, and in the build of the site.
 ELSEWHERE = {"write-a-mechanism.md", "gallery.md"}
 PAGES = sorted(page.name for page in DOCS.glob("*.md") if page.name not in ELSEWHERE)
 RUN = [page for page in PAGES if any(kind in ("$", "python") for kind, _ in steps(page))]
