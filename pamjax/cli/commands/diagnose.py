@@ -50,6 +50,7 @@ def diagnose(
         json: print a JSON list with one diagnosis for each case.
     """
     from pamjax.records.case import read_case
+    from pamjax.records.long_recording import advise_reduction
 
     check_minimum("seed", seed, 0)
     check_writable(out)
@@ -75,6 +76,9 @@ def diagnose(
         from pamjax.diagnosis.result import save_diagnosis
         from pamjax.records.files import write_results_together
 
+        for case in parsed_cases:
+            for advice in advise_reduction(case.recording):
+                print(f"{case.name}: {advice}", file=sys.stderr)
         announce_compilation(keep_compiled(), quiet=json)
         with show_progress(quiet=json) as progress:
             for case, outcome in diagnose_all(parsed_cases, seed=seed, progress=progress):

@@ -249,11 +249,15 @@ def _build_clipping(context: TemplateContext, _: float) -> Variants:
 
 
 def _build_length_ripples(context: TemplateContext, _: float) -> Variants:
-    """Yield a force that is periodic in length, of one size or in proportion to the force."""
+    """Yield a force that is periodic in length, of one size or in proportion to the force.
+
+    A period is resolved if no two neighbouring lengths are more than half of it apart. With a few fixed
+    lengths, a shorter period would be another force zero for each length.
+    """
     length = context.length
-    stroke = float(np.ptp(length))
-    if stroke > 0:
-        for k in _RIPPLE_PERIODS:
+    stroke, largest_gap = float(np.ptp(length)), float(np.diff(np.sort(length)).max(initial=0.0))
+    for k in _RIPPLE_PERIODS:
+        if 2 * largest_gap < stroke / k:
             phase = 2 * np.pi * k * (length - length.min()) / stroke
             says = f"a force with a period of {1e3 * stroke / k:.2g} mm in length"
             yield says, [np.cos(phase), np.sin(phase)]

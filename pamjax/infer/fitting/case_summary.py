@@ -16,6 +16,7 @@ from pamjax.model.parameters import find_meaning
 from pamjax.notebook import NotebookText
 from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
+from pamjax.records.long_recording import advise_reduction
 from pamjax.records.reading.muscle_toml import describe_unused_bladder
 from pamjax.units import compute_si_factor, format_count, format_quantity
 
@@ -43,6 +44,7 @@ class CaseSummary(NotebookText):
         width = max((len(d.name) for d in self.parameters), default=0)
         lines += [f"  {self._format_parameter(d, max(width, 22))}" for d in self.parameters]
         notes = describe_unused_bladder(self.case.muscle_toml, self.mechanisms)
+        notes += advise_reduction(self.case.recording)
         return "\n".join([*lines, "", *self.sentences, *notes, "The case can be fitted."])
 
     def as_dict(self) -> dict[str, Any]:

@@ -108,6 +108,17 @@ def test_a_ripple_has_both_phases_of_its_period(context):
     agree(ripple.columns[:, 0], [np.cos(phase), np.sin(phase)], 1e-9, 1.0)
 
 
+def test_a_few_fixed_lengths_do_not_resolve_a_ripple(context):
+    # Four lengths 10 mm apart: each period of the family, up to 7.5 mm, is shorter than 20 mm.
+    levels = replace(context, length=0.2 - 0.01 * (np.arange(N) // (N // 4 + 1)))
+    assert not list_family(levels, "length_ripple")
+    # Sixteen lengths 2 mm apart resolve periods above 4 mm.
+    finer = replace(context, length=0.2 - 0.002 * (np.arange(N) // (N // 16 + 1)))
+    periods = {float(says.split()[6]) for says in list_family(finer, "length_ripple")}
+    assert min(periods) > 4.0
+    assert max(periods) == pytest.approx(7.5)
+
+
 def test_interference_finds_the_frequency_of_the_residual(context):
     disturbed = replace(context, force=PREDICTION[0] + np.sin(2 * np.pi * TIME / 3.0))
     says = next(iter(list_family(disturbed, "interference")))

@@ -1,0 +1,28 @@
+"""Advice on recordings with so many rows that a diagnosis takes long."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pamjax.records.recording import Recording
+
+#: A diagnosis of more rows can take ten minutes (docs/performance.md).
+MANY_ROWS = 5000
+
+#: Number of rows to which the advice reduces a recording.
+_ADVISED_ROWS = 2500
+
+
+def advise_reduction(recording: Recording) -> list[str]:
+    """Return how to reduce the rows of a recording before a diagnosis; empty for a short one."""
+    if recording.n <= MANY_ROWS or recording.time is None:
+        return []
+    intervals = np.diff(recording.time)[~recording.is_run_start[1:]]
+    duration = math.ceil(recording.n / _ADVISED_ROWS) * float(np.median(intervals))
+    return [
+        f"A diagnosis of {recording.n:,} rows can take ten minutes or more.",
+        f'`pamjax import` with `median = "{duration:.2g} s"` in its TOML file writes at most about'
+        f" {_ADVISED_ROWS:,} rows.",
+    ]
