@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -18,6 +18,9 @@ from pamjax.cli.screen import (
     print_written_files,
     show_progress,
 )
+
+if TYPE_CHECKING:
+    from pamjax.records.case import Case
 
 #: Figure of the priors, which a fit without priors does not have.
 _PRIOR_FIGURE = "prior.png"
@@ -94,5 +97,14 @@ def fit(
     else:
         print_text(str(result))
         print_text(f"results: {out / REPORT_FILE if report else out / 'fit.json'}")
-        print_text(f"next: pamjax diagnose {shlex.join(map(str, cases))}")
+        print_text(f"next: pamjax {_suggest_command(parsed_cases, cases, model.with_ or [])}")
     print_written_files(paths)
+
+
+def _suggest_command(parsed_cases: list[Case], folders: list[Path], mechanisms: list[str]) -> str:
+    """Return the next command: a fit with rubber, if all cases state a rubber tube that the model lacks."""
+    from pamjax.records.reading.muscle_toml import describe_unused_bladder
+
+    paths = shlex.join(map(str, folders))
+    lacks_rubber = all(describe_unused_bladder(case.muscle_toml, mechanisms) for case in parsed_cases)
+    return f"fit {paths} --with bladder_elasticity" if lacks_rubber else f"diagnose {paths}"

@@ -60,6 +60,10 @@ class FilesTable(_ImportTable):
         return self
 
 
+#: Unit of each kind of channel, for the messages.
+_EXAMPLE_UNITS = {"force": "N", "pressure": "kPa", "length": "mm", "time": "s"}
+
+
 def _check_scale(scale: float) -> float:
     if scale == 0.0:
         remedy = "Write the channel's units per unit of the file."
@@ -85,6 +89,10 @@ class ChannelEntry(_ImportTable):
     def to_si(self, name: str, where: str) -> float:
         """Return the SI value of one unit of the file."""
         unit = self.unit or (split_title(self.column)[1] if isinstance(self.column, str) else None) or ""
+        if not unit and COLUMN_KINDS[name] != "count":
+            rule = f"`{name}` needs a unit"
+            example = f'{{column = "{self.column}", unit = "{_EXAMPLE_UNITS[COLUMN_KINDS[name]]}"}}'
+            raise BadInput.from_rule(rule, "none", where, f"Write, for example, {name} = {example}.")
         return self.scale * parse_unit(unit, COLUMN_KINDS[name], where)
 
 
@@ -195,6 +203,13 @@ def _check_test(spec: ImportSpec, test: TestTable, k: int) -> None:
             raise BadInput.from_rule(rule, got, where, "Add or remove channels of `file`.")
 
 
+#: What to write, if the file is not TOML: often it is the recording itself.
+_REMEDY = (
+    "Name the recording in a TOML file with the lines"
+    ' muscle = "muscle.toml", columns = {force = "Load [N]", …} and tests = [{file = "log.csv"}].'
+)
+
+
 def read_import_spec(path: str | Path) -> ImportSpec:
     """Return the import specification of a file.
 
@@ -202,7 +217,7 @@ def read_import_spec(path: str | Path) -> ImportSpec:
         BadInput: if the file is missing or not TOML, or if an entry is unknown or invalid.
     """
     path = Path(path)
-    raw = parse_toml(read_bytes(path), path.name, "See `pamjax import --help`.")
+    raw = parse_toml(read_bytes(path), path.name, _REMEDY)
     try:
         return ImportSpec.model_validate(raw)
     except ValidationError as error:

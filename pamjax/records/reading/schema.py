@@ -212,6 +212,10 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
             where,
             suggest_word(raw, choices),
         )
+    if path[0] == "columns" and len(path) > 1:
+        remedy = f'Write {path[-1]} = "HEADER", and the unit in the header of the recording, as "Load [N]".'
+        got = "a table" if isinstance(first["input"], dict) else f"{first['input']!r}"
+        return BadInput.from_rule(f"`{path[-1]}` must be a header in quotes", got, where, remedy)
     kind, remedy = (
         ("a table", f"Write [{path[0]}] above its entries.")
         if len(path) == 1

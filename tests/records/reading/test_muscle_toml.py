@@ -247,7 +247,8 @@ def test_invalid_toml_is_refused():
         (
             "1.2",
             "1.2\n[columns]\nforce = 3",
-            "`force` must be a text in quotes; got 3 in [columns] of muscle.toml. Add the quotes.",
+            "`force` must be a header in quotes; got 3 in [columns] of muscle.toml. Write force = "
+            '"HEADER", and the unit in the header of the recording, as "Load [N]".',
         ),
     ],
 )

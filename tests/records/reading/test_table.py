@@ -324,7 +324,11 @@ SAVE = "Save it with commas between cells and with decimal points, or use `pamja
             HEADER.encode() + b"0,100,200,\xb5,,1\n",
             "recording.csv must be UTF-8 text; got the byte 0xb5 in line 2. Save it as UTF-8.",
         ),
-        (b"PK\x03\x04\x00", "recording.csv must be plain text; got a binary file. Save it as UTF-8 text."),
+        (
+            b"PK\x03\x04\x00",
+            "recording.csv must be plain text; got a spreadsheet or an archive. Export the sheet as CSV.",
+        ),
+        (b"a\x00", "recording.csv must be plain text; got a binary file. Save it as UTF-8 text."),
     ],
 )
 def test_file_of_another_format_is_refused(write, content, text):
