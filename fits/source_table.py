@@ -42,6 +42,14 @@ def read_source_table(file: Path, columns: Sequence[str], text: str, rule: str) 
     ).hexdigest()
 
 
+def write_case_files(case: Path, recording: pd.DataFrame, muscle: str) -> Path:
+    """Write recording.csv and muscle.toml to a case folder, and return the folder."""
+    case.mkdir(parents=True, exist_ok=True)
+    recording.to_csv(case / "recording.csv", index=False, lineterminator="\n")
+    (case / "muscle.toml").write_text(muscle, encoding="utf-8", newline="\n")
+    return case
+
+
 def build_parser(description: str | None, out: str) -> argparse.ArgumentParser:
     """Return a parser for the table and the folder of the results, `out` unless stated."""
     style = argparse.RawDescriptionHelpFormatter

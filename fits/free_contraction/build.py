@@ -17,7 +17,7 @@ from pamjax.errors import BadInput
 
 # The checkout, in which `fits` is a package.
 sys.path.insert(0, str(Path(__file__).parents[2]))
-from fits.source_table import build_parser, read_source_table, run_build
+from fits.source_table import build_parser, read_source_table, run_build, write_case_files
 
 #: Folder of the results.
 DEFAULT_OUT = "out/free_contraction"
@@ -63,20 +63,16 @@ def write_cases(table: pd.DataFrame, folder: Path, file: str = "", checksum: str
     """
     folders = []
     for name, rows in table.groupby("set", sort=False):
-        case = folder / str(name)
-        case.mkdir(parents=True, exist_ok=True)
         recording = pd.DataFrame(
             {"pressure [kPa]": rows["pressure_kPa"], "length [mm]": (1e3 * rows["length_m"]).round(3)}
         )
-        recording.to_csv(case / "recording.csv", index=False, lineterminator="\n")
         muscle = MUSCLE.format(
             file=file,
             checksum=checksum,
             name=f"hand-made muscle, set {name}",
             length=1e3 * rows.loc[rows["pressure_kPa"].idxmin(), "length_m"],
         )
-        (case / "muscle.toml").write_text(muscle, encoding="utf-8", newline="\n")
-        folders.append(case)
+        folders.append(write_case_files(folder / str(name), recording, muscle))
     return folders
 
 

@@ -17,7 +17,7 @@ import pandas as pd
 
 # The checkout, in which `fits` is a package.
 sys.path.insert(0, str(Path(__file__).parents[2]))
-from fits.source_table import build_parser, read_source_table, run_build
+from fits.source_table import build_parser, read_source_table, run_build, write_case_files
 
 #: Folder of the results.
 DEFAULT_OUT = "out/hoses_620kpa"
@@ -64,11 +64,8 @@ def write_cases(table: pd.DataFrame, folder: Path, file: str = "", checksum: str
     for (length, note), rows in table.groupby(["lrest_mm", "note"], sort=True):
         tendon = note.partition(" tendon")[0]
         suffix = re.sub(r"\W+", "-", f"-{tendon}").rstrip("-")
-        case = folder / f"hose-{length:g}{suffix}"
-        case.mkdir(parents=True, exist_ok=True)
         recording = rows[["pressure_kPa", "length_mm", "force_N"]]
         recording.columns = ["pressure [kPa]", "length [mm]", "force [N]"]
-        recording.to_csv(case / "recording.csv", index=False, lineterminator="\n")
         muscle = MUSCLE.format(
             file=file,
             checksum=checksum,
@@ -79,8 +76,7 @@ def write_cases(table: pd.DataFrame, folder: Path, file: str = "", checksum: str
             inner=BORE - WALL,
             wall=WALL,
         )
-        (case / "muscle.toml").write_text(muscle, encoding="utf-8", newline="\n")
-        folders.append(case)
+        folders.append(write_case_files(folder / f"hose-{length:g}{suffix}", recording, muscle))
     return folders
 
 

@@ -3,13 +3,9 @@
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.library.candidates import build_candidates
-from pamjax.diagnosis.refit.model_fit import fit_model
 from pamjax.diagnosis.select.merge_mechanisms import merge_mechanisms
-from pamjax.diagnosis.select.neighbour_fits import fit_with_candidate, refit_fully
-from pamjax.diagnosis.select.search import MechanismSearch
-from pamjax.progress import ignore_progress
 from tests.diagnosis.bank import BankRecording, diagnose_bank
+from tests.diagnosis.searches import build_search, fit_ids
 
 pytestmark = pytest.mark.slow
 
@@ -19,20 +15,7 @@ RECORDING = BankRecording(2, seed=2, smallest=4.0, largest=25.0)
 
 @pytest.fixture(scope="module")
 def search():
-    problem = diagnose_bank(RECORDING).problem
-    rows = np.ones(problem.n, dtype=bool)
-    baseline = fit_model(problem, rows, (), problem.neutral)
-    return MechanismSearch(problem, rows, baseline, build_candidates(problem), ignore_progress)
-
-
-def fit_ids(search, ids):
-    """Return the model with some mechanisms, added one by one."""
-    fit = search.baseline
-    for id in ids:
-        directions = [s for s in search.score_candidates(fit) if s.candidate.id == id]
-        trials = sorted((fit_with_candidate(search.problem, fit, s) for s in directions), key=lambda m: m.bic)
-        fit = refit_fully(search.problem, trials[:3])[0]
-    return search.refit(fit)
+    return build_search(diagnose_bank(RECORDING).problem)
 
 
 def test_jammed_threads_replace_rubber_and_a_force_offset(search):
