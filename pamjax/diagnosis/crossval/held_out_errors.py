@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pamjax.diagnosis.crossval.solved_lengths import predict_solved
 from pamjax.diagnosis.form_errors.prediction import ModelPrediction
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.model_fit import ModelFit
@@ -93,8 +94,12 @@ def compute_held_out_errors(
         fit: the fit with mechanisms.
         prediction: its prediction, with form errors.
     """
-    baseline_prediction = problem.predict(baseline.estimate.values)
-    equation_prediction = problem.predict(fit.estimate.values)
+    baseline_prediction, equation_prediction = (
+        predict_solved(problem, each.estimate.values) for each in (baseline, fit)
+    )
+    # The model of an isotonic test is saved without form errors, and predicts without them.
+    is_isotonic = problem.case.recording.measures_length
+    model_prediction = equation_prediction if is_isotonic else prediction.values
     names = [blocks.names[k] for k in np.unique(blocks.label[held_out_mask]) if k >= 0]
     description = (
         f"{len(names)} of {len(blocks)} {blocks.kind}: {', '.join(names)}"
@@ -105,10 +110,10 @@ def compute_held_out_errors(
         description,
         held_out_mask,
         baseline_prediction,
-        prediction.values,
+        model_prediction,
         equation_prediction,
         compute_rmse(problem, baseline_prediction, held_out_mask),
-        compute_rmse(problem, prediction.values, held_out_mask),
+        compute_rmse(problem, model_prediction, held_out_mask),
         compute_rmse(problem, equation_prediction, held_out_mask),
         _compute_expected_rmse(problem, fit.noise, prediction.sd, held_out_mask),
     )
