@@ -25,6 +25,9 @@ has a corner, K is a mean of both sides.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -36,6 +39,8 @@ from pamjax.model.bench import Bench, remove_memories
 from pamjax.model.history import History
 from pamjax.model.mechanism import Samples
 from pamjax.model.muscle import Muscle
+
+Result = TypeVar("Result")
 
 #: Smallest stiffness, N/m.
 MIN_STIFFNESS = 1.0
@@ -119,21 +124,40 @@ def solve_lengths(
         set_force: (n,) N.
         history: time and order of the samples.
     """
-    pressure, length, set_force = (jnp.asarray(x, float) for x in (pressure, start, set_force))
-    damping, previous_size = jnp.ones_like(length), jnp.full_like(length, jnp.inf)
-    reading, step = None, jnp.zeros_like(length)
-    for _ in range(_MAX_LENGTH_STEPS):
+    pressure, start, set_force = (jnp.asarray(x, float) for x in (pressure, start, set_force))
+
+    def take_step(length: Samples) -> tuple[Samples, LengthReading]:
         reading = _step_length(muscle, pressure, length, set_force, history)
+        return reading.length, reading
+
+    reading, is_solved = repeat_steps(take_step, start, _LENGTH_TOLERANCE, _MAX_LENGTH_STEPS)
+    return reading, is_solved & (reading.status == int(Status.OK))
+
+
+def repeat_steps(
+    take_step: Callable[[Samples], tuple[Samples, Result]], start: Samples, tolerance: float, max_steps: int
+) -> tuple[Result, Array]:
+    """Return the result of the last step, and whether each length is solved, (n,) bool.
+
+    Args:
+        take_step: function from lengths, (n,) m, to the next lengths and any other result.
+        start: (n,) lengths at which the search starts, m.
+        tolerance: a length is solved if its step is below this share of it.
+        max_steps: largest number of steps, at least one.
+    """
+    length, damping, size = start, jnp.ones_like(start), jnp.full_like(start, jnp.inf)
+    result: Result | None = None
+    for _ in range(max_steps):
+        next_length, result = take_step(length)
         limit = _MAX_STEP_SHARE * length
-        step = jnp.clip(jnp.nan_to_num(reading.length - length), -limit, limit)
-        size = jnp.abs(step / length)
-        if jnp.max(size) < _LENGTH_TOLERANCE:
+        step = jnp.clip(jnp.nan_to_num(next_length - length), -limit, limit)
+        previous_size, size = size, jnp.abs(step / length)
+        if jnp.max(size) < tolerance:
             break
         damping = jnp.where(size > previous_size, damping * _DAMPING_GROWTH, damping)
-        previous_size, length = size, length + step / damping
-    assert reading is not None
-    is_solved = (jnp.abs(step / length) < _LENGTH_TOLERANCE) & (reading.status == int(Status.OK))
-    return reading, is_solved
+        length = length + step / damping
+    assert result is not None
+    return result, size < tolerance
 
 
 _step_length = compile_on_call(predict_length)

@@ -12,14 +12,15 @@ from __future__ import annotations
 import dataclasses
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.model.isotonic import repeat_steps
 
-#: A length is solved if the next step is below this share of it; largest number of steps.
+#: A length is solved if its step is below this share of it; largest number of steps.
 _TOLERANCE, _MAX_STEPS = 1e-5, 40
-#: Largest step of the length, relative to the length, and growth of the damping if the steps do not decrease.
-_MAX_STEP_SHARE, _DAMPING_GROWTH = 0.1, 1.5
 
 
 def predict_solved(problem: LibraryProblem, values: np.ndarray) -> np.ndarray:
@@ -27,21 +28,16 @@ def predict_solved(problem: LibraryProblem, values: np.ndarray) -> np.ndarray:
     single_step = problem.predict(values)
     if not problem.case.recording.measures_length:
         return single_step
-    length, damping = single_step[0], np.ones(problem.n)
-    prediction, size = single_step, np.full(problem.n, np.inf)
-    for _ in range(_MAX_STEPS):
+
+    def take_step(length: Array) -> tuple[Array, np.ndarray]:
         prediction = _replace_lengths(problem, length).predict(values)
-        limit = _MAX_STEP_SHARE * length
-        step = np.clip(np.nan_to_num(prediction[0] - length), -limit, limit)
-        previous_size, size = size, np.abs(step / length)
-        if size.max() < _TOLERANCE:
-            break
-        damping = np.where(size > previous_size, damping * _DAMPING_GROWTH, damping)
-        length = length + step / damping
-    return np.where(size < _TOLERANCE, prediction, single_step)
+        return jnp.asarray(prediction[0]), prediction
+
+    prediction, is_solved = repeat_steps(take_step, jnp.asarray(single_step[0]), _TOLERANCE, _MAX_STEPS)
+    return np.where(np.asarray(is_solved), prediction, single_step)
 
 
-def _replace_lengths(problem: LibraryProblem, length: np.ndarray) -> LibraryProblem:
+def _replace_lengths(problem: LibraryProblem, length: Array) -> LibraryProblem:
     """Return the problem with other lengths, (n,) m, from which the step starts."""
     datasets = [
         eqx.tree_at(lambda d: d.rows.length, dataset, dataset.rows.length.at[: problem.n].set(length))
