@@ -16,7 +16,6 @@ from matplotlib.patches import Rectangle
 from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, STILL, RecordingAxes, build_axes
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.records.levels import assign_levels, find_levels
 from pamjax.view.theme import DOUBLE_COLUMN, SINGLE_COLUMN, apply_theme, create_figure
@@ -58,12 +57,16 @@ class MapAxis:
         return float(self.edges[first - 1]), float(self.edges[last])
 
 
-def _compute_standard_residual(problem: LibraryProblem, model_fit: ModelFit) -> np.ndarray:
-    """Return measured − model in standard deviations of the noise, (2, n); NaN without a measurement."""
-    misfit = problem.measured - problem.predict(model_fit.estimate.values)
+def _compute_standard_residual(diagnosis: Diagnosis) -> np.ndarray:
+    """Return measured − baseline in standard deviations of the noise, (2, n); NaN without a measurement.
+
+    The noise is that of the result: an unstated noise that is estimated beside the baseline contains misfit.
+    """
+    problem = diagnosis.problem
+    misfit = problem.measured - problem.predict(diagnosis.baseline.estimate.values)
     sd = [
         np.full(problem.n, np.nan) if channel_noise is None else channel_noise.sd
-        for channel_noise in model_fit.noise.by_channel
+        for channel_noise in diagnosis.model.noise.by_channel
     ]
     return misfit / np.stack(sd)
 
@@ -72,7 +75,7 @@ def find_main_channel(diagnosis: Diagnosis) -> int:
     """Return the channel of the first box, else the channel with the largest misfit."""
     if diagnosis.is_detected and diagnosis.mismatch_boxes:
         return diagnosis.problem.channels.index(diagnosis.mismatch_boxes[0].channel)
-    square = _compute_standard_residual(diagnosis.problem, diagnosis.baseline) ** 2
+    square = _compute_standard_residual(diagnosis) ** 2
     mean_squares = [
         np.nanmean(channel_square) if np.isfinite(channel_square).any() else -1.0 for channel_square in square
     ]
@@ -100,7 +103,7 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
         build_axes(diagnosis.problem),
         find_main_channel(diagnosis) if channel is None else channel,
     )
-    residual = _compute_standard_residual(diagnosis.problem, diagnosis.baseline)[channel_index]
+    residual = _compute_standard_residual(diagnosis)[channel_index]
     x, y = _select_axes(diagnosis.problem, coordinates)
     panel_parts = list(_list_motions(coordinates, np.isfinite(residual)))
     boxes = [
