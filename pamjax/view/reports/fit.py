@@ -124,7 +124,7 @@ def format_headline(fit: Fit) -> str:
     if _has_misfit(fit) and noise.neighbour_sd is None:
         return f"The misfit of {channel} is {noise.rms_over_noise:.2g} times its noise"
     if _has_misfit(fit):
-        return capitalise_sentence(format_misfit(channel, case_fit.rmse[channel], noise).partition(": ")[0])
+        return capitalise_sentence(format_misfit(channel, case_fit.rmse[channel], noise).partition(";")[0])
     if noise.is_known:
         return "The fitted model explains the recording within its noise"
     return f"The RMS error of {channel} is {format_channel_value(case_fit.rmse[channel], channel)}"
