@@ -20,6 +20,8 @@ def advise_reduction(recording: Recording) -> list[str]:
     if recording.n <= MANY_ROWS or recording.time is None:
         return []
     intervals = np.diff(recording.time)[~recording.is_run_start[1:]]
+    if not intervals.size:
+        return []
     duration = math.ceil(recording.n / _ADVISED_ROWS) * float(np.median(intervals))
     return [
         f"A diagnosis of {recording.n:,} rows can take ten minutes or more.",
