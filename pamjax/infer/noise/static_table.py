@@ -36,13 +36,13 @@ class TableVariance:
 
 
 def estimate_table_variance(
-    pressure: np.ndarray, length: np.ndarray, values: np.ndarray
+    pressure: np.ndarray, second_input: np.ndarray, values: np.ndarray
 ) -> TableVariance | None:
     """Return the variance of a reading; None without a line of readings.
 
     Args:
         pressure: (n,) Pa.
-        length: (n,) m.
+        second_input: (n,) length, m, or the set force of an isotonic test, N.
         values: (n,) readings of one channel, or their misfit; the variance has their unit squared.
 
     >>> p = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
@@ -51,7 +51,7 @@ def estimate_table_variance(
     """
     if not values.size:
         return None
-    for fixed, along in ((length, pressure), (pressure, length)):
+    for fixed, along in ((second_input, pressure), (pressure, second_input)):
         line_variances = [
             _estimate_line_variance(along[rows], values[rows]) for rows in _group_by_level(fixed)
         ]
