@@ -25,6 +25,6 @@ def advise_reduction(recording: Recording) -> list[str]:
     duration = math.ceil(recording.n / _ADVISED_ROWS) * float(np.median(intervals))
     return [
         f"A diagnosis of {recording.n:,} rows can take ten minutes or more.",
-        f'`pamjax import` with `median = "{duration:.2g} s"` in its TOML file writes at most about'
-        f" {_ADVISED_ROWS:,} rows.",
+        f'Into a new folder, `pamjax import` with `median = "{duration:.2g} s"` in its TOML file writes at'
+        f" most about {_ADVISED_ROWS:,} rows.",
     ]

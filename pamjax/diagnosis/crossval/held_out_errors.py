@@ -54,6 +54,15 @@ class HeldOutErrors:
             default=0.0,
         )
 
+    @property
+    def increased_channels(self) -> list[str]:
+        """Return the channels whose error the mechanisms increase, to more than the expected one."""
+        return [
+            channel
+            for channel, rmse in self.model_rmse.items()
+            if rmse > max(self.baseline_rmse[channel], self.expected_rmse.get(channel, np.inf))
+        ]
+
 
 def build_held_out_mask(blocks: Blocks, settings: DiagnosisSettings = DEFAULT_SETTINGS) -> np.ndarray:
     """Return the mask of the held-out rows, (n,).

@@ -1,5 +1,7 @@
 """Blocks to hold out: complete blocks inside the range of a recording."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -39,3 +41,22 @@ def test_expected_error_has_noise_and_the_uncertainty_of_the_prediction():
     agree(errors.expected_rmse["force"], expected, ROUNDING)
     agree(errors.model_rmse["force"], 20.0, ROUNDING)
     agree(errors.largest_error_ratio, 20.0 / expected, ROUNDING)
+
+
+def test_larger_error_than_without_mechanisms_and_than_expected_is_an_increase():
+    result = diagnosis()
+    errors = result.held_out_errors
+    baseline = errors.baseline_rmse["force"]
+    for model, expected, channels in (
+        (1.1 * baseline, 0.5 * baseline, ["force"]),
+        (0.9 * baseline, 0.5 * baseline, []),
+        (1.1 * baseline, 1.2 * baseline, []),
+    ):
+        changed = replace(
+            errors,
+            model_rmse=errors.model_rmse | {"force": model},
+            expected_rmse=errors.expected_rmse | {"force": expected},
+        )
+        assert changed.increased_channels == channels
+        text = str(replace(result, held_out_errors=changed))
+        assert ("the mechanisms increase the held-out error" in text) == bool(channels)
