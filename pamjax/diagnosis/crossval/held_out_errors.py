@@ -55,13 +55,16 @@ class HeldOutErrors:
         )
 
     @property
-    def increased_channels(self) -> list[str]:
-        """Return the channels whose error the mechanisms increase, to more than the expected one."""
-        return [
-            channel
-            for channel, rmse in self.model_rmse.items()
-            if rmse > max(self.baseline_rmse[channel], self.expected_rmse.get(channel, np.inf))
-        ]
+    def is_increased(self) -> bool:
+        """Return whether the mechanisms increase the squared error over the expected one, of all channels."""
+        return self._sum_relative_squares(self.model_rmse) > self._sum_relative_squares(self.baseline_rmse)
+
+    def _sum_relative_squares(self, rmse: dict[str, float]) -> float:
+        return sum(
+            (rmse[channel] / expected) ** 2
+            for channel, expected in self.expected_rmse.items()
+            if channel in rmse
+        )
 
 
 def build_held_out_mask(blocks: Blocks, settings: DiagnosisSettings = DEFAULT_SETTINGS) -> np.ndarray:
