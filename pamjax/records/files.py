@@ -48,7 +48,10 @@ def decode_text(raw: bytes, file: str) -> str:
         BadInput: if the file is not UTF-8 text.
     """
     if raw[:2] == b"PK":
-        got, remedy = "a spreadsheet or an archive", "Export the sheet as CSV."
+        got, remedy = (
+            "a spreadsheet or an archive",
+            "Import it with `pamjax import`, or export the sheet as CSV.",
+        )
         raise BadInput.from_rule(f"{file} must be plain text", got, remedy=remedy)
     if b"\0" in raw[:4096]:
         raise BadInput.from_rule(

@@ -41,6 +41,7 @@ class FilesTable(_ImportTable):
         header: whether there is a header line.
         skip: number of lines before the header, or before the first row if there is no header.
         matrix: name of the variable of a MAT file, if the channels are columns of one matrix.
+        sheet: name of the sheet of a spreadsheet; empty for the first.
         rate: sampling rate, as "500 Hz", if there is no time column.
     """
 
@@ -50,6 +51,7 @@ class FilesTable(_ImportTable):
     header: bool = True
     skip: Annotated[int, Field(ge=0)] = 0
     matrix: str = ""
+    sheet: str = ""
     rate: str = ""
 
     @model_validator(mode="after")

@@ -25,6 +25,8 @@ from pamjax.records.recording import MAX_CYCLE, Recording
 from pamjax.records.writing.case_folder import write_case
 from pamjax.units import MAGNITUDE_LIMITS, format_count, format_quantity, parse_quantity
 
+#: Separator of the names of a test's files.
+_FILE_SEPARATOR = " + "
 #: Longest time between two tests, s: ten years.
 _MAX_GAP = 3.2e8
 #: Order in which channels are read; the file of the first one determines the time of a test.
@@ -37,7 +39,7 @@ class ImportResult(NotebookText):
 
     Attributes:
         case: the case.
-        tests: names of each test's files, in the order of `cycle`.
+        tests: names of each test's files, in the order of the recording.
         samples: number of samples before the median filter.
         tare: lowest and highest tare reading of all tests, and the true value, for each channel; SI.
     """
@@ -48,9 +50,10 @@ class ImportResult(NotebookText):
     tare: dict[str, tuple[float, float, float]]
 
     def __str__(self) -> str:
+        files = {name for test in self.tests for name in test.split(_FILE_SEPARATOR)}
         lines = [
             f"{self.case}",
-            f"  from {format_count(len(self.tests), 'test')} with {format_count(self.samples, 'sample')}",
+            f"  from {format_count(len(files), 'file')} with {format_count(self.samples, 'sample')}",
         ]
         for name, (low, high, true) in self.tare.items():
             low, high, true = (format_quantity(value, DISPLAY_UNIT[name]) for value in (low, high, true))
@@ -109,7 +112,9 @@ def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
         except BadInput as error:
             raise BadInput(f"the case of {rig.name} is invalid and was not written: {error}") from error
     write_case(folder, recording, text)
-    names = tuple(" + ".join(dict.fromkeys(path.name for path in files.values())) for files, _ in tests)
+    names = tuple(
+        _FILE_SEPARATOR.join(dict.fromkeys(path.name for path in files.values())) for files, _ in tests
+    )
     samples = sum(len(piece["pressure"]) for piece in pieces)
     return ImportResult(read_case(folder), names, samples, _summarise_tare(spec, tare_readings))
 

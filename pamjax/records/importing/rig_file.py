@@ -1,4 +1,4 @@
-"""Reading of a rig's file, CSV or MAT: its columns as numbers."""
+"""Reading of a rig's file, CSV, XLSX or MAT: its columns as numbers."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from pamjax.errors import BadInput, format_printable, suggest_word
 from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.import_spec import FilesTable
 from pamjax.records.importing.mat_file import read_mat
+from pamjax.records.importing.spreadsheet import read_sheet
 from pamjax.records.quotation_marks import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
 from pamjax.records.reading.header import split_title
 
@@ -30,7 +31,7 @@ class RigFile:
     """The columns of one file.
 
     Args:
-        path: a .mat file, or a text file with any other suffix.
+        path: a .mat or .xlsx file, or a text file with any other suffix.
         file_format: format of the file.
     """
 
@@ -44,7 +45,11 @@ class RigFile:
             self._columns = read_mat(path, file_format.matrix)
         else:
             self.lines_above = file_format.skip + file_format.header
-            self._columns = _read_csv(decode_text(raw, self.name), file_format, self.name)
+            self._columns = (
+                read_sheet(path, file_format)
+                if path.suffix.lower() == ".xlsx"
+                else _read_csv(decode_text(raw, self.name), file_format, self.name)
+            )
 
     def __getitem__(self, column: int | str) -> np.ndarray:
         """Return the numbers of a column, (n,), NaN where a cell is blank.

@@ -224,7 +224,7 @@ def test_displacement_is_converted_to_length(rig, tmp_path):
     (tmp_path / "case" / "recording.csv").unlink()
     (tmp_path / "case" / "muscle.toml").unlink()
     report = str(import_case(tmp_path / "rig.toml", tmp_path / "case"))
-    assert "from 1 test with 10 samples" in report
+    assert "from 1 file with 10 samples" in report
     assert "tare: length reading -12.35 mm to -12.35 mm, true value 130 mm" in report
     assert "9 rows without force" in report
     with pytest.raises(BadInput, match="with a `scale` of -1 and the rest length in"):
@@ -379,7 +379,7 @@ def test_decreasing_time_is_reported_with_its_row(hose):
 def test_import_command(hose, capsys):
     assert main(["import", str(hose / HOSE.name), "--out", str(hose / "case")]) == 0
     output = capsys.readouterr().out
-    assert "from 12 tests with" in output
+    assert "from 12 files with" in output
     assert f"next: pamjax check {hose / 'case'}" in output
     assert main(["import", str(hose / HOSE.name), "--out", str(hose / "case")]) == 2
     assert "needs an empty folder" in capsys.readouterr().err
