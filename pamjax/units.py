@@ -30,6 +30,9 @@ SI_UNITS = {
     "count": "1",
 }
 
+#: The standard atmosphere, Pa. Gauge pressures are relative to it.
+ATMOSPHERIC_PRESSURE = 101325.0
+
 #: Factors of the most usual units by SI unit, as pint computes them. Pint takes half a second to load, a
 #: large part of a short command.
 USUAL_UNITS = {

@@ -43,11 +43,10 @@ from pamjax.model.mechanism import AbstractMemory, AbstractPressureLoss, Abstrac
 from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.registry import order_mechanisms
+from pamjax.units import ATMOSPHERIC_PRESSURE
 
 #: Number of operating points of a candidate; a spec with fewer points repeats its first required one.
 POINT_COUNT = 16
-#: Ambient pressure, Pa.
-_AMBIENT_PRESSURE = 101325.0
 #: Bulging pressure × opening / (shear modulus × wall thickness).
 _BULGE_FACTOR = 3.5
 
@@ -223,9 +222,13 @@ def compute_outputs(
 
     rubber_volume = wall.rubber_volume(rubber)
     rest_volume = braid.volume(rest_length, bench.thread_length, bench.turns) - rubber_volume
-    filled_volume = (pressure + _AMBIENT_PRESSURE) * (state.volume - rubber_volume)
+    filled_volume = (pressure + ATMOSPHERIC_PRESSURE) * (state.volume - rubber_volume)
     # Point 0 (rest length at supply pressure) is not part of the stroke.
-    air = build.parallel * (jnp.max(filled_volume[1:]) - _AMBIENT_PRESSURE * rest_volume) / _AMBIENT_PRESSURE
+    air = (
+        build.parallel
+        * (jnp.max(filled_volume[1:]) - ATMOSPHERIC_PRESSURE * rest_volume)
+        / ATMOSPHERIC_PRESSURE
+    )
     yarn = n * bench.thread_length * build.thread_area * build.density
     mass = build.parallel * (yarn + rubber_volume * build.rubber_density)
     cost = build.parallel * (yarn * build.price + rubber_volume * build.rubber_density * build.rubber_price)

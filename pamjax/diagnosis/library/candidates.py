@@ -275,6 +275,7 @@ def _build_pressure_drop(scales: RecordingScales) -> list[Candidate]:
         Candidate("pressure_drop", ("pressure_drop.impedance",)),
         Candidate("pressure_drop", ("pressure_drop.turbulence",)),
         Candidate("pressure_drop", ("pressure_drop.impedance", "pressure_drop.turbulence")),
+        Candidate("pressure_drop", ("pressure_drop.turbulence",), {"pressure_drop.compressibility": 0.9}),
     ]
 
 

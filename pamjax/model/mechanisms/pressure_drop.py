@@ -10,19 +10,25 @@ from pamjax.model.form_error import FormError, list_powers
 from pamjax.model.history import History
 from pamjax.model.mechanism import AbstractPressureLoss, Description, Past, Samples
 from pamjax.parameter import Scalar, parameter
+from pamjax.units import ATMOSPHERIC_PRESSURE
 
 
 class PressureDrop(AbstractPressureLoss):
-    """A flow resistance between gauge and muscle: P = P_measured − Z Q − K Q |Q|, with Q = dV/dt.
+    """A flow resistance between gauge and muscle, with Q = dV/dt:
 
-        Z  impedance   Pa s/m³   pressure drop per unit of flow into the muscle, laminar
-        K  turbulence  Pa s²/m⁶  pressure drop per square of the flow, turbulent or through an orifice
-        V              m³        volume of the muscle
+        P = P_measured − Z Q − K (1 + c P_measured / Pa) Q |Q|
 
-    It dissipates energy as a damper does: −∮ (Z + K |Q|) Q dV < 0. The volume is that at the measured
-    pressure, which is correct to first order in Z and K. Neutral: Z = K = 0. Neglects: choked flow,
-    compression of the gas in the line, regulators with a dead zone.
-    Source: Hagen-Poiseuille; Borda-Carnot loss of an orifice; derived here.
+        Z  impedance        Pa s/m³   pressure drop per unit of flow into the muscle, laminar
+        K  turbulence       Pa s²/m⁶  pressure drop per square of the flow, turbulent or through an orifice
+        c  compressibility  1         0 for a liquid; 1 for a gas, whose density is proportional to pressure
+        V                   m³        volume of the muscle
+        Pa                  Pa        atmospheric pressure
+
+    It dissipates energy as a damper does: −∮ (Z + K |Q|) Q dV < 0. A loss of kinetic energy is proportional
+    to the density of the fluid, here to that in the muscle. The viscosity of a gas does not depend on its
+    pressure. The volume is that at the measured pressure, which is correct to first order in Z and K.
+    Neutral: Z = K = 0. Neglects: choked flow, gas stored in the line, regulators with a dead zone.
+    Source: Hagen-Poiseuille; Borda-Carnot loss of an orifice; Boyle's law; derived here.
     """
 
     id: ClassVar[str] = "pressure_drop"
@@ -30,10 +36,11 @@ class PressureDrop(AbstractPressureLoss):
     mixes_samples: ClassVar[bool] = True
     about: ClassVar[Description] = Description(
         title="pressure drop between gauge and muscle",
-        equation="P = P_measured - Z Q - K Q |Q|,   Q = dV/dt;   dF = (Z + K |Q|) (dV/dL)^2 dL/dt",
+        equation="P = P_m - Z Q - K (1 + c P_m/Pa) Q |Q|,   Q = dV/dt;   dF = (Z + K |Q|) (dV/dL)^2 dL/dt",
         signature="Force is higher while the muscle lengthens and lower while it shortens. The difference is"
-        " proportional to speed or, with turbulence, to its square, and the same at every pressure. It is"
-        " largest at rest length, and zero at free contraction.",
+        " proportional to speed or, with turbulence, to its square. It is the same at every pressure or, with"
+        " turbulent gas, proportional to absolute pressure. It is largest at rest length, and zero at free"
+        " contraction.",
         neglects="choked flow, gas stored in the line, dead zones of the regulator",
         confusable=("viscous_damping", "braid_friction", "channel_lag"),
         experiment="Record the loop at free contraction, where volume is constant. Measure the pressure at"
@@ -57,6 +64,13 @@ class PressureDrop(AbstractPressureLoss):
         default=0.0,
     )  # fmt: skip
 
+    compressibility: Scalar = parameter(
+        "1", low=0.0, high=1.0, is_refinement=True,
+        about="share of the density that is proportional to absolute pressure",
+        source="0 for a liquid, 1 for a gas", default=0.0,
+    )  # fmt: skip
+
     def pressure(self, history: History, past: Past) -> Samples:
         flow = history.rate(past.state.volume)
-        return past.pressure - (self.impedance + self.turbulence * jnp.abs(flow)) * flow
+        density_ratio = 1 + self.compressibility * past.pressure / ATMOSPHERIC_PRESSURE
+        return past.pressure - (self.impedance + self.turbulence * density_ratio * jnp.abs(flow)) * flow

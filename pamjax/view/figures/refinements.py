@@ -225,15 +225,17 @@ def compute_pressure_drops() -> Curves:
     volume = jnp.asarray(np.concatenate([[0.0], np.cumsum(0.5 * (flow[1:] + flow[:-1]))]) * 1e-6)
     time = np.arange(flow.size, dtype=float)
     nothing = jnp.zeros(flow.size)
+    pressure = jnp.full(flow.size, _LOOP_PRESSURE)
     state = eqx.tree_at(lambda s: s.volume, _build_state(np.full(flow.size, DEMO_REST_LENGTH)), volume)
-    past, history = Past(state, nothing, nothing, nothing), build_time_history(time, time == 0)
+    past, history = Past(state, pressure, nothing, nothing), build_time_history(time, time == 0)
     forms = {
         "laminar": PressureDrop(impedance=2e8),
         "turbulence": PressureDrop(turbulence=1e13),
+        "compressibility": PressureDrop(turbulence=3e12, compressibility=1.0),
     }
     inner = slice(5, -5)
     return {
-        name: (flow[inner], -1e-3 * np.asarray(drop.pressure(history, past))[inner])
+        name: (flow[inner], 1e-3 * np.asarray(pressure - drop.pressure(history, past))[inner])
         for name, drop in forms.items()
     }
 

@@ -27,3 +27,14 @@ def test_turbulent_drop_is_quadratic_in_the_flow():
             lambda p: p.state.volume, past(np.full(9, 0.2), 1e5), 1e-4 + flow * jnp.asarray(time)
         )
         agree(PressureDrop(0.0, 1e15).pressure(one_run(time), filling), inside, SOLVED)
+
+
+def test_turbulent_drop_of_a_gas_is_proportional_to_absolute_pressure():
+    # K (1 + P / Pa) Q² with K = 1e15 Pa s²/m⁶ and Q = 2 ml/s: 4 kPa at 0, 8 kPa at one atmosphere of gauge.
+    time = np.arange(9.0)
+    for pressure, drop in ((0.0, 4e3), (101325.0, 8e3), (303975.0, 16e3)):
+        filling = eqx.tree_at(
+            lambda p: p.state.volume, past(np.full(9, 0.2), pressure), 1e-4 + 2e-6 * jnp.asarray(time)
+        )
+        gas = PressureDrop(0.0, 1e15, compressibility=1.0)
+        agree(pressure - gas.pressure(one_run(time), filling), drop, SOLVED)
