@@ -22,7 +22,6 @@ from pamjax.diagnosis.form_errors.fit import FormErrorFit, add_form_errors
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.select.neighbour_fits import is_reduction_significant
-from pamjax.diagnosis.select.pair_swap import is_excess_noise, leaves_only_noise
 from pamjax.diagnosis.select.redundant_mechanisms import compute_cost
 from pamjax.diagnosis.select.search import MechanismSearch, fit_best_candidate
 from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
@@ -51,7 +50,7 @@ def _remove_form_errors(search: MechanismSearch, fit: ModelFit) -> list[ModelFit
         for id, share in form_error_fit.shares.items()
         if share > 0
     ]
-    return [fit for fit in reduced_fits if not is_excess_noise(search, fit)]
+    return [fit for fit in reduced_fits if not search.is_excess_noise(fit)]
 
 
 def _remove_form_error(search: MechanismSearch, fit: FormErrorFit, id: str) -> ModelFit:
@@ -75,4 +74,4 @@ def _replace_form_error(search: MechanismSearch, fit: ModelFit, reduced_fit: Mod
         len(search.candidates),
         search.settings.false_addition_probability,
     )
-    return new_fit if is_more_likely and leaves_only_noise(search, new_fit) else None
+    return new_fit if is_more_likely and search.leaves_only_noise(new_fit) else None

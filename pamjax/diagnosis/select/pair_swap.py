@@ -27,7 +27,6 @@ import numpy as np
 
 from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.detect.score_test import ScoreDirection, stack_residual
-from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import fit_parameters
@@ -64,7 +63,7 @@ def _find_better_pair(search: MechanismSearch, fit: ModelFit) -> ModelFit | None
     """Return the model with a pair in the place of others, if its BIC is clearly lower; else None."""
     # Without stated noise, enough mechanisms can explain any residual.
     is_noise_stated = all(channel is None or channel.is_stated for channel in fit.noise.by_channel)
-    removed_counts = range(3) if is_noise_stated and not leaves_only_noise(search, fit) else (2,)
+    removed_counts = range(3) if is_noise_stated and not search.leaves_only_noise(fit) else (2,)
     positions = chain.from_iterable(
         combinations(range(len(fit.mechanisms)), count) for count in removed_counts
     )
@@ -93,7 +92,7 @@ def _is_acceptable(
     before, the pair must leave little more than noise.
     """
     if has_more_mechanisms or search.leaves_large_residual(fit):
-        return search.is_complete(result, fit) or leaves_only_noise(search, result)
+        return search.is_complete(result, fit) or search.leaves_only_noise(result)
     return not search.leaves_large_residual(result)
 
 
@@ -103,26 +102,13 @@ def _finish_search(search: MechanismSearch, rough_fit: ModelFit) -> ModelFit:
         search.problem, search.training_mask, rough_fit.mechanisms, rough_fit.estimate.values
     )
     result = run_search(search, start_fit)
-    if not leaves_only_noise(search, start_fit):
+    if not search.leaves_only_noise(start_fit):
         return result
     complete = prune_mechanisms(search, start_fit, may_be_small=True)
-    is_better = leaves_only_noise(search, complete) and (
+    is_better = search.leaves_only_noise(complete) and (
         search.compute_bic(complete) < search.compute_bic(result)
     )
     return complete if is_better else result
-
-
-def leaves_only_noise(search: MechanismSearch, fit: ModelFit) -> bool:
-    """Return whether the excess χ² beyond form errors is that of noise, or too small for an effect."""
-    return is_excess_noise(search, add_form_errors(search.problem, fit))
-
-
-def is_excess_noise(search: MechanismSearch, fit: ModelFit) -> bool:
-    """Return whether the excess χ² of a fit is that of noise, or too small for an effect."""
-    n = fit.noise.size
-    return fit.excess_chi2 < max(
-        search.settings.min_effect_rms**2 * n, search.settings.max_noise_chi2_sd * np.sqrt(2 * n)
-    )
 
 
 def _fit_pair_replacements(

@@ -12,7 +12,7 @@ All three tests allow for the form errors of the mechanisms that are in the mode
 mechanism is tested again. It stays if it passes with the form errors of the others, or without them.
 
 The third test is omitted if small effects together leave only noise. A wrong first mechanism can mislead the
-search, so a search with a large residual restarts from the best pairs of mechanisms.
+search. If more than noise remains, the search restarts from the best pairs of mechanisms.
 """
 
 from __future__ import annotations
@@ -139,6 +139,17 @@ class MechanismSearch:
             and fit.full_bic < other.full_bic
         )
 
+    def is_excess_noise(self, fit: ModelFit) -> bool:
+        """Return whether the excess χ² of a fit is that of noise, or too small for an effect."""
+        n = fit.noise.size
+        return fit.excess_chi2 < max(
+            self.settings.min_effect_rms**2 * n, self.settings.max_noise_chi2_sd * np.sqrt(2 * n)
+        )
+
+    def leaves_only_noise(self, fit: ModelFit) -> bool:
+        """Return whether the excess χ² beyond form errors is that of noise, or too small for an effect."""
+        return self.is_excess_noise(add_form_errors(self.problem, fit))
+
     def leaves_large_residual(self, fit: ModelFit) -> bool:
         """Return whether the residual beyond form errors is large, compared with noise and baseline."""
         return add_form_errors(self.problem, fit).excess_chi2 > max(
@@ -155,19 +166,39 @@ def search_mechanisms(search: MechanismSearch, directions: Sequence[ScoreDirecti
         directions: score directions of all candidates at the baseline.
     """
     fit = run_search(search, search.baseline, directions)
-    if not search.leaves_large_residual(fit) or search.settings.max_mechanisms < 2:
+    if not _may_restart(search, fit) or search.settings.max_mechanisms < 2:
         return fit
     starts = _find_restart_pairs(search, fit, directions)
     again = replace(search, progress=ignore_progress)
     for k, start in enumerate(starts):
         search.progress("selecting mechanisms again", 0.5 + 0.2 * k / len(starts))
         other = run_search(again, again.refit(start))
-        # Many pairs can absorb unmodelled physics: accept a pair only if it leaves little more than noise.
-        if search.is_complete(other, fit):
+        if _explains_rest(search, other, fit):
             fit = other
-        if not search.leaves_large_residual(fit):
+        if not _may_restart(search, fit):
             break
     return fit
+
+
+def _may_restart(search: MechanismSearch, fit: ModelFit) -> bool:
+    """Return whether a model leaves so much misfit that its first mechanism may be wrong."""
+    # Without stated noise, enough mechanisms can explain any residual.
+    if fit.mechanisms and all(channel is None or channel.is_stated for channel in fit.noise.by_channel):
+        return not search.leaves_only_noise(fit)
+    return search.leaves_large_residual(fit)
+
+
+def _explains_rest(search: MechanismSearch, fit: ModelFit, other: ModelFit) -> bool:
+    """Return whether a model explains most of the excess misfit of another model, with a lower BIC.
+
+    Many pairs can absorb a part of unmodelled physics: a pair must explain as large a fraction as
+    mechanisms without an unexplained part. Both models have the form errors of their mechanisms.
+    """
+    fit, other = add_form_errors(search.problem, fit), add_form_errors(search.problem, other)
+    return (
+        fit.excess_chi2 < (1 - search.settings.min_explained_fraction) * other.excess_chi2
+        and fit.full_bic < other.full_bic
+    )
 
 
 def run_search(

@@ -25,7 +25,7 @@ from pamjax.diagnosis.select.neighbour_fits import (
     fit_without_mechanism,
     refit_fully,
 )
-from pamjax.diagnosis.select.pair_swap import leaves_only_noise, swap_pairs
+from pamjax.diagnosis.select.pair_swap import swap_pairs
 from pamjax.diagnosis.select.redundant_mechanisms import remove_redundant_mechanisms
 from pamjax.diagnosis.select.search import MechanismSearch, search_mechanisms
 from pamjax.diagnosis.select.small_effects import add_small_effects
@@ -120,7 +120,7 @@ def select_mechanisms(
     masked_ids = frozenset(fit_without_small_effects.ids) - frozenset(unmasked_fit.ids)
     fit = (
         fit_without_small_effects
-        if leaves_only_noise(search, fit_without_small_effects)
+        if search.leaves_only_noise(fit_without_small_effects)
         else add_small_effects(problem, fit_without_small_effects, candidates, progress)
     )
     progress("comparing rivals", 0.75)
