@@ -33,7 +33,7 @@ from pamjax.diagnosis.form_errors.prediction import (
     describe_form_errors,
     predict_with_uncertainty,
 )
-from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
+from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem, select_rows
 from pamjax.diagnosis.next_experiment.experiment import Experiment, propose_experiments
 from pamjax.diagnosis.noise.input_noise import clear_evaluations
 from pamjax.diagnosis.noise.noise_ratios import compute_noise_ratios, format_noise_notes
@@ -46,6 +46,7 @@ from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.saved_form_errors import build_saved_form_errors
+from pamjax.diagnosis.search_rows import choose_search_rows
 from pamjax.diagnosis.select.model_averaging import average_models
 from pamjax.diagnosis.select.replace_by_template import replace_by_template
 from pamjax.diagnosis.select.selection import (
@@ -64,13 +65,59 @@ from pamjax.records.case import Case, ensure_case
 
 
 @dataclass(frozen=True, eq=False)
-class _Training:
-    """The training rows of a recording, and the test of its baseline.
+class _Rows:
+    """The rows of a recording: all of them, and those in which mechanisms are searched.
 
     Attributes:
-        problem: the recording and the library.
-        mask: (n,) whether a row is used in the fits, and not held out.
+        problem: all rows, and the library.
         blocks: isobars, holds or cycles of all rows.
+        training_mask: (n,) whether a row is not held out.
+        length: (n,) m, as it was read; the length of `problem` is averaged where it is fixed.
+        search_problem: the rows of the search, and the library.
+        search_rows: (k,) their indices.
+    """
+
+    problem: LibraryProblem
+    blocks: Blocks
+    training_mask: np.ndarray
+    length: np.ndarray
+    search_problem: LibraryProblem
+    search_rows: np.ndarray
+
+    @classmethod
+    def from_case(cls, case: Case, settings: DiagnosisSettings) -> _Rows:
+        """Return the rows of a case."""
+        problem, blocks = build_library_problem(case, settings), find_blocks(case.recording)
+        search_rows = choose_search_rows(problem.case.recording, settings.max_search_rows)
+        search_problem = problem if search_rows.size == problem.n else select_rows(problem, search_rows)
+        training_mask = ~build_held_out_mask(blocks, settings)
+        return cls(problem, blocks, training_mask, case.recording.length, search_problem, search_rows)
+
+    @property
+    def search_blocks(self) -> Blocks:
+        """Return the blocks of the rows of the search."""
+        return replace(self.blocks, label=self.blocks.label[self.search_rows])
+
+    def start_compilation(self) -> None:
+        """Start to compile the programs, those of the search first."""
+        self.search_problem.start_compilation()
+        if self.search_problem is not self.problem:
+            self.problem.start_compilation(with_all_mechanisms=False)
+
+    def clear_evaluations(self) -> None:
+        """Forget the cached evaluations: the result holds the problem, and must not hold them."""
+        clear_evaluations(self.search_problem)
+        clear_evaluations(self.problem)
+
+
+@dataclass(frozen=True, eq=False)
+class _Training:
+    """The training rows of a search, and the test of the baseline.
+
+    Attributes:
+        problem: the rows in which mechanisms are searched, and the library.
+        mask: (n,) whether a row is used in the fits, and not held out.
+        blocks: isobars, holds or cycles of these rows.
         baseline: the baseline, fitted to the training rows.
         mismatch: test of its residual.
         seed: seed of the random draws for the p-values.
@@ -164,42 +211,49 @@ def diagnose(
     """
     case = ensure_case(case)
     progress("compiling", 0.0)
-    problem = build_library_problem(case, settings)
-    problem.start_compilation()
+    rows = _Rows.from_case(case, settings)
+    rows.start_compilation()
     try:
-        return _diagnose_problem(problem, case, seed, progress)
+        return _diagnose_rows(rows, seed, progress)
     finally:
-        # The result holds the problem: it must not hold the cached evaluations.
-        clear_evaluations(problem)
+        rows.clear_evaluations()
 
 
-def _diagnose_problem(problem: LibraryProblem, case: Case, seed: int, progress: Progress) -> Diagnosis:
-    settings = problem.settings
-    blocks = find_blocks(case.recording)
-    training = _test_baseline(problem, blocks, ~build_held_out_mask(blocks, settings), seed)
+def _diagnose_rows(rows: _Rows, seed: int, progress: Progress) -> Diagnosis:
+    search_problem, settings = rows.search_problem, rows.problem.settings
+    training = _test_baseline(rows, seed)
     selection = (
-        select_mechanisms(problem, training.mask, training.baseline, progress)
+        select_mechanisms(search_problem, training.mask, training.baseline, progress)
         if training.is_detected
         else Selection(training.baseline, training.baseline, ())
     )
     progress("testing", 0.85)
-    build_templates_at = get_template_builder(problem, case.recording.length, blocks)
+    build_templates_at = get_template_builder(
+        search_problem, rows.length[rows.search_rows], rows.search_blocks
+    )
     tested_selection = _test_against_templates(training, selection, build_templates_at)
     confirmed_selection = _cross_validate_on_blocks(training, tested_selection)
-    held_out_test = _test_held_out_rows(training, confirmed_selection.selection)
+    held_out_test = _test_held_out_rows(rows, confirmed_selection.selection)
     confirmed_selection = _doubt_failed_prediction(training, confirmed_selection, held_out_test.errors)
-    final_fit = _fit_all_rows(problem, confirmed_selection.selection)
+    final_fit = _fit_all_rows(rows.problem, confirmed_selection.selection)
     notes = _list_selection_notes(tested_selection, confirmed_selection, settings)
     progress("proposing experiments", 0.9)
-    experiments = propose_experiments(problem, final_fit.model, final_fit.selection.named_mechanisms)
+    experiments = propose_experiments(
+        rows.problem,
+        final_fit.model,
+        final_fit.selection.named_mechanisms,
+        search_problem,
+        confirmed_selection.selection.model,
+    )
     diagnosis = _build_diagnosis(
-        training, confirmed_selection, held_out_test, final_fit, build_templates_at, experiments, notes
+        rows, training, confirmed_selection, held_out_test, final_fit, build_templates_at, experiments, notes
     )
     progress("done", 1.0)
     return diagnosis
 
 
 def _build_diagnosis(
+    rows: _Rows,
     training: _Training,
     confirmed_selection: _TestedSelection,
     held_out_test: _HeldOutTest,
@@ -209,7 +263,7 @@ def _build_diagnosis(
     selection_notes: list[str],
 ) -> Diagnosis:
     """Return the result of all steps, with the places of the misfit and the errors on held-out blocks."""
-    problem, unexplained = training.problem, confirmed_selection.unexplained
+    problem, unexplained = rows.problem, confirmed_selection.unexplained
     selection, baseline, model = final_fit.selection, final_fit.baseline, final_fit.model
     prediction = held_out_test.prediction
     noise_ratios = compute_noise_ratios(problem, model.estimate.values)
@@ -226,11 +280,13 @@ def _build_diagnosis(
         ),
         residual_test=confirmed_selection.residual_test,
         unexplained=unexplained,
-        likenesses=list_likenesses(problem, build_templates_at, selection.model) if unexplained else (),
+        likenesses=list_likenesses(training.problem, build_templates_at, selection.model)
+        if unexplained
+        else (),
         residual_boxes=locate_residual(problem, model) if unexplained else [],
         residual_share=compute_residual_share(problem, baseline, model),
         noise_ratios=noise_ratios,
-        blocks=training.blocks,
+        blocks=rows.blocks,
         held_out_errors=held_out_test.errors,
         parameters=collect_mechanism_estimates(problem, model),
         parameter_shifts=compute_parameter_shifts(problem, baseline, model)
@@ -249,13 +305,12 @@ def _build_diagnosis(
     )
 
 
-def _test_baseline(
-    problem: LibraryProblem, blocks: Blocks, training_mask: np.ndarray, seed: int
-) -> _Training:
-    """Return the fit of the baseline to the training rows, and the test of its residual."""
-    baseline = fit_model(problem, training_mask, (), problem.neutral)
+def _test_baseline(rows: _Rows, seed: int) -> _Training:
+    """Return the fit of the baseline to the training rows of the search, and the test of its residual."""
+    problem, mask = rows.search_problem, rows.training_mask[rows.search_rows]
+    baseline = fit_model(problem, mask, (), problem.neutral)
     mismatch = run_baseline_test(problem, baseline, seed)
-    return _Training(problem, training_mask, blocks, baseline, mismatch, seed)
+    return _Training(problem, mask, rows.search_blocks, baseline, mismatch, seed)
 
 
 def _test_against_templates(
@@ -292,24 +347,26 @@ def _cross_validate_on_blocks(training: _Training, tested_selection: _TestedSele
     return confirmed_selection if is_explained else _reduce_certainty(problem, confirmed_selection)
 
 
-def _test_held_out_rows(training: _Training, selection: Selection) -> _HeldOutTest:
+def _test_held_out_rows(rows: _Rows, selection: Selection) -> _HeldOutTest:
     """Return the prediction of the held-out rows by a fit of the selected model without them."""
-    problem = training.problem
-    fit = _fit_selection(problem, selection, training.mask)
+    problem, mask = rows.problem, rows.training_mask
+    baseline = fit_model(problem, mask, (), selection.baseline.estimate.values)
+    fit = _fit_selection(problem, selection, mask) if selection.model.mechanisms else baseline
     prediction = predict_with_uncertainty(problem, add_form_errors(problem, fit))
-    errors = compute_held_out_errors(
-        problem, training.blocks, ~training.mask, selection.baseline, fit, prediction
-    )
+    errors = compute_held_out_errors(problem, rows.blocks, ~mask, baseline, fit, prediction)
     return _HeldOutTest(prediction, errors)
 
 
 def _doubt_failed_prediction(
     training: _Training, confirmed_selection: _TestedSelection, errors: HeldOutErrors
 ) -> _TestedSelection:
-    """Return the selection; if held-out errors are too large, less certain and with an unexplained part."""
+    """Return the selection; if held-out errors are too large, less certain and with an unexplained part.
+
+    They are too large if they exceed the expected ones, or those of the baseline.
+    """
     is_too_large = errors.largest_error_ratio > training.problem.settings.max_held_out_error_ratio
     if (
-        not is_too_large
+        not (is_too_large or errors.is_increased)
         or confirmed_selection.unexplained
         or not confirmed_selection.selection.named_mechanisms
     ):
@@ -373,13 +430,8 @@ def _list_selection_notes(
 
 
 def _fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarray) -> ModelFit:
-    """Return the selected model, refitted to some rows; a baseline without mechanisms is unchanged."""
-    fit = selection.model
-    return (
-        fit_with_misfit_weight(problem, rows, fit.mechanisms, selection.start_values)
-        if fit.mechanisms
-        else fit
-    )
+    """Return the selected model with its mechanisms, refitted to some rows."""
+    return fit_with_misfit_weight(problem, rows, selection.model.mechanisms, selection.start_values)
 
 
 def _add_form_error_ratios(selection: Selection, parts: dict[str, FormErrorPart]) -> Selection:

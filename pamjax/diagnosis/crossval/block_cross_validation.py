@@ -102,9 +102,7 @@ class BlockCrossValidation:
             expected_excesses < [left_out_noise.size for _, left_out_noise in self.noise_splits]
         )
         size = np.array([left_out_noise.size for _, left_out_noise in self.noise_splits])[informed_blocks]
-        excess = np.array(
-            [block_fit.excess_chi2 - block_fit.expected_excess for block_fit in self.block_fits]
-        )[informed_blocks]
+        excess = np.array([block_fit.unexpected_excess for block_fit in self.block_fits])[informed_blocks]
         expected_excess = expected_excesses[informed_blocks]
         # Upper limit: the whole parameter uncertainty of a block acts in one direction.
         noise_limit = self.problem.settings.max_noise_chi2_sd * np.sqrt(
@@ -139,20 +137,29 @@ class BlockCrossValidation:
             candidate.id: self._compute_predicted_fraction(candidate) for candidate in self.fit.mechanisms
         }
 
+    @property
+    def left_out_excess_without(self) -> dict[str, float]:
+        """Return by id the excess χ² of all left-out blocks without a mechanism."""
+        return {
+            id: sum(block_fit.excess_chi2 for block_fit in reduced.block_fits)
+            for id, reduced in self._reduced_models.items()
+        }
+
+    @cached_property
+    def _reduced_models(self) -> dict[str, _ReducedModel]:
+        """Return by id the model without a mechanism."""
+        if len(self.fit.mechanisms) == 1:
+            return {self.fit.mechanisms[0].id: self._baseline}
+        return {candidate.id: self._remove_mechanisms((candidate,)) for candidate in self.fit.mechanisms}
+
     def _compute_predicted_fraction(self, candidate: Candidate) -> float:
         if not self.noise_splits:
             return 1.0
-        reduced = self._baseline if len(self.fit.mechanisms) == 1 else self._remove_mechanisms((candidate,))
-        left_out_reduction = np.array(
-            [
-                without.excess_chi2 - fit.excess_chi2
-                for without, fit in zip(reduced.block_fits, self.block_fits, strict=True)
-            ]
-        )
+        reduced = self._reduced_models[candidate.id]
         fitted_reduction = reduced.compute_fitted_chi2() - self._compute_fitted_chi2()
         informed_blocks = self._select_informed_blocks((candidate,))
         return _compute_predicted_fraction(
-            left_out_reduction[informed_blocks].sum(),
+            _compute_left_out_reduction(reduced.block_fits, self.block_fits, informed_blocks),
             fitted_reduction[informed_blocks].sum(),
             fitted_reduction.sum(),
             self.problem.settings.min_information_share,
@@ -272,6 +279,31 @@ class _LeftOutBlock:
 
     excess_chi2: float
     expected_excess: float
+
+    @property
+    def unexpected_excess(self) -> float:
+        """Return the part of the excess that the parameter errors do not cause."""
+        return self.excess_chi2 - self.expected_excess
+
+
+def _compute_left_out_reduction(
+    fits_without: Sequence[_LeftOutBlock], fits: Sequence[_LeftOutBlock], informed_blocks: np.ndarray
+) -> float:
+    """Return the reduction of χ² in left-out blocks by a mechanism.
+
+    Few blocks determine many parameters badly, which increases χ² with and without the mechanism. The
+    reduction is the larger one with and without this expected increase.
+
+    Args:
+        fits_without: for each block, the fit without the mechanism.
+        fits: for each block, the fit with it.
+        informed_blocks: mask of the blocks that test the mechanism.
+    """
+    raw, unexpected = (
+        np.array([size(without) - size(fit) for without, fit in zip(fits_without, fits, strict=True)])
+        for size in (lambda fit: fit.excess_chi2, lambda fit: max(fit.unexpected_excess, 0.0))
+    )
+    return float(max(raw[informed_blocks].sum(), unexpected[informed_blocks].sum()))
 
 
 def _fit_without_blocks(

@@ -7,8 +7,9 @@ explain most of the misfit of the left-out blocks (setting `min_explained_fracti
 misfit is unexplained, even if their residual in the fit is only noise.
 
 Each mechanism is also tested alone. Its probability is multiplied by the fraction of its effect that left-out
-blocks confirm. It is dropped if its probability is then below `established_probability`. This is done once,
-with all mechanisms in the model.
+blocks confirm. It is dropped if its probability is then below `established_probability`. If there are several
+such mechanisms, the one without which the left-out blocks are predicted best is dropped, and the others are
+tested again.
 
 If a part of the misfit is unexplained, the certainty of the remaining mechanisms is reduced (setting
 `doubtful_certainty_share`). Certainty is the distance of a probability from `established_probability`.
@@ -48,14 +49,22 @@ def cross_validate_selection(
         training_mask: (n,) whether a row is used in the fit.
         selection: the selection from these rows.
     """
-    cross_validation = BlockCrossValidation.from_blocks(
-        problem, blocks, training_mask, add_form_errors(problem, selection.model)
-    )
-    fractions = cross_validation.predicted_fraction_by_mechanism
-    reweighted = [replace(m, probability=m.probability * fractions[m.id]) for m in selection.named_mechanisms]
-    remaining = [m for m in reweighted if m.probability >= problem.settings.established_probability]
+    while True:
+        cross_validation = BlockCrossValidation.from_blocks(
+            problem, blocks, training_mask, add_form_errors(problem, selection.model)
+        )
+        fractions = cross_validation.predicted_fraction_by_mechanism
+        reweighted = [
+            replace(m, probability=m.probability * fractions[m.id]) for m in selection.named_mechanisms
+        ]
+        weak = [m for m in reweighted if m.probability < problem.settings.established_probability]
+        if len(weak) < 2:
+            break
+        worst = min(weak, key=lambda m: cross_validation.left_out_excess_without[m.id])
+        others = [m for m in selection.named_mechanisms if m.id != worst.id]
+        selection = restrict_selection(problem, training_mask, selection, others)
     return (
-        restrict_selection(problem, training_mask, selection, remaining),
+        restrict_selection(problem, training_mask, selection, [m for m in reweighted if m not in weak]),
         not cross_validation.fails_out_of_sample,
     )
 

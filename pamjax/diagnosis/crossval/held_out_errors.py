@@ -56,8 +56,14 @@ class HeldOutErrors:
 
     @property
     def is_increased(self) -> bool:
-        """Return whether the mechanisms increase the squared error over the expected one, of all channels."""
-        return self._sum_relative_squares(self.model_rmse) > self._sum_relative_squares(self.baseline_rmse)
+        """Return whether the mechanisms increase the squared error over the expected one, of all channels.
+
+        A small increase by chance does not count: two standard deviations of a sum of squares.
+        """
+        increase = self._sum_relative_squares(self.model_rmse) - self._sum_relative_squares(
+            self.baseline_rmse
+        )
+        return bool(increase > 2 * np.sqrt(2 / max(self.held_out_mask.sum(), 1)))
 
     def _sum_relative_squares(self, rmse: dict[str, float]) -> float:
         return sum(

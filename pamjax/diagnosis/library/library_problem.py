@@ -139,15 +139,18 @@ class LibraryProblem(LibraryParameters):
             for k in np.flatnonzero((values != self.neutral) & self.is_switch)
         }
 
-    def start_compilation(self) -> None:
+    def start_compilation(self, with_all_mechanisms: bool = True) -> None:
         """Start to compile the programs, two at a time; the first use of each waits for it.
 
         The prediction with tapered ends is compiled when it is needed: many diagnoses never use it.
+
+        Args:
+            with_all_mechanisms: whether to compile the derivatives with `COSTLIEST_MECHANISM`.
         """
         programs.start_compilation(
             _predict_channels, self.reduced_dataset, jnp.asarray(self.neutral), jnp.asarray(True)
         )
-        for dataset in (self.reduced_dataset, self.dataset):
+        for dataset in (self.reduced_dataset, *([self.dataset] if with_all_mechanisms else [])):
             programs.start_compilation(
                 _sweep_derivatives, *_pack_sweep_arguments(dataset, self.neutral, (), True)
             )
@@ -287,6 +290,24 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
         reduced_dataset=reduced_dataset,
         measured=_collect_measurements(case),
         settings=settings,
+    )
+
+
+def select_rows(problem: LibraryProblem, rows: np.ndarray) -> LibraryProblem:
+    """Return the problem of some rows of a recording, with the same parameters.
+
+    Args:
+        problem: the recording and the library.
+        rows: (k,) increasing row indices.
+    """
+    case = dataclasses.replace(problem.case, recording=problem.case.recording.select(rows))
+    dataset = _build_dataset(case, problem.law, problem.dataset.mechanisms, problem)
+    return dataclasses.replace(
+        problem,
+        case=case,
+        dataset=dataset,
+        reduced_dataset=dataclasses.replace(dataset, mechanisms=problem.reduced_dataset.mechanisms),
+        measured=problem.measured[:, rows],
     )
 
 

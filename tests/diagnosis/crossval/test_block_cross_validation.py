@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.crossval.block_cross_validation import BlockCrossValidation, _compute_predicted_fraction
+from pamjax.diagnosis.crossval.block_cross_validation import (
+    BlockCrossValidation,
+    _compute_left_out_reduction,
+    _compute_predicted_fraction,
+    _LeftOutBlock,
+)
 from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import build_library_problem
@@ -27,6 +32,23 @@ from tests.diagnosis.bank import BankRecording, simulate_bank
 )
 def test_the_share_is_the_ratio_of_both_reductions(left_out, fitted, total, share):
     assert _compute_predicted_fraction(left_out, fitted, total, 0.05) == pytest.approx(share)
+
+
+@pytest.mark.parametrize(
+    ("with_mechanism", "without", "reduction"),
+    [
+        # Excess of a block, and the part of it that the parameter errors cause.
+        ([(0.0, 0.0), (10.0, 0.0)], [(100.0, 0.0), (50.0, 0.0)], 140.0),
+        # Three blocks do not determine the parameters: the excess of the last one is no evidence against.
+        ([(0.0, 0.0), (2000.0, 1900.0)], [(1500.0, 100.0), (500.0, 5000.0)], 1300.0),
+        # It is evidence against, if the errors do not cause it.
+        ([(0.0, 0.0), (2000.0, 0.0)], [(1500.0, 100.0), (500.0, 0.0)], 0.0),
+    ],
+)
+def test_expected_excess_is_no_evidence_against_a_mechanism(with_mechanism, without, reduction):
+    fits, fits_without = ([_LeftOutBlock(*block) for block in blocks] for blocks in (with_mechanism, without))
+    assert _compute_left_out_reduction(fits_without, fits, np.array([True, True])) == reduction
+    assert _compute_left_out_reduction(fits_without, fits, np.array([False, False])) == 0.0
 
 
 @pytest.mark.slow
