@@ -52,6 +52,8 @@ MODEL_TITLES = {
     GAUSSIAN_PROCESS_MODEL: "Gaussian process",
 }
 
+#: An error below this share of another one is clearly smaller.
+_CLEARLY_SMALLER = 0.9
 #: Smallest number of levels for a test of extrapolation.
 _MIN_LEVELS_FOR_EXTRAPOLATION = 3
 #: Smallest number of samples for a Gaussian process.
@@ -107,6 +109,16 @@ class ModelComparison:
             ],
         }
 
+    @property
+    def better_formula_rmse(self) -> float | None:
+        """Return the held-out error of force by Sárosi's formula, N, if the model's is clearly larger."""
+        for split in self.splits:
+            model = split.rmse.get(SELECTED_MODEL, split.rmse[BASELINE_MODEL]).get("force")
+            formula = split.rmse.get(SAROSI_MODEL, {}).get("force")
+            if split.name == _HELD_OUT_SPLIT and model is not None and formula is not None:
+                return formula if formula < _CLEARLY_SMALLER * model else None
+        return None
+
     def __str__(self) -> str:
         """Return two lines for each channel: held-out blocks, then extrapolation."""
         lines = []
@@ -122,6 +134,10 @@ class ModelComparison:
                     lines.append(
                         f"  {_format_split(split)}, {channel}: {', '.join(scores)} {DISPLAY_UNIT[channel]}"
                     )
+        if self.better_formula_rmse is not None:
+            lines.append(
+                "  Sárosi's formula has the smaller error on held-out rows: physics is still missing"
+            )
         return "\n".join(lines)
 
 

@@ -33,7 +33,7 @@ def format_summary(diagnosis: Diagnosis) -> str:
         *_format_unexplained_part(diagnosis),
         *_format_held_out_errors(diagnosis),
         *_format_parameter_shifts(diagnosis),
-        *(f"  next experiment: {e.protocol} (power {e.power:.2f})" for e in diagnosis.experiments[:2]),
+        *_format_experiments(diagnosis),
         *(f"  note: {note}" for note in diagnosis.notes[:_MAX_SUMMARY_NOTES]),
     ]
     return "\n".join(lines[:MAX_SUMMARY_LINES])
@@ -100,6 +100,15 @@ def _format_held_out_errors(diagnosis: Diagnosis) -> Iterator[str]:
         yield (
             "  no block was held out (too few blocks): no independent rows confirm these mechanisms."
             " Record at least three pressures."
+        )
+
+
+def _format_experiments(diagnosis: Diagnosis) -> Iterator[str]:
+    for experiment in diagnosis.experiments[:2]:
+        separated = " and ".join(experiment.separates)
+        yield (
+            f"  next experiment: {experiment.protocol}: separates {separated}"
+            f" with probability {experiment.power:.2f}"
         )
 
 

@@ -63,7 +63,12 @@ class BoxDeviation:
 
     def format_difference(self, value: float) -> str:
         """Return a deviation as text, as "about 12 N lower"."""
-        return f"about {self.format_size(value)} {'higher' if value > 0 else 'lower'}"
+        return f"about {self.format_size(value)} {self.comparatives[0 if value > 0 else 1]}"
+
+    @property
+    def comparatives(self) -> tuple[str, str]:
+        """Return the words for a positive and a negative deviation: a length is larger, not higher."""
+        return ("higher", "lower") if self.channel == "force" else ("larger", "smaller")
 
     def format_size(self, value: float) -> str:
         """Return the size of a deviation as text, as "12 N"."""
@@ -90,7 +95,8 @@ def format_box(box: BoxDeviation) -> str:
     text = f"{box.channel} is {box.format_difference(typical)} than {box.reference}"
     if box.compute_one_sided_rms(box.inside) is None:
         text = _format_trend(box) or (
-            f"{box.channel} is about {box.format_size(typical)} higher or lower than {box.reference}"
+            f"{box.channel} is about {box.format_size(typical)} {' or '.join(box.comparatives)}"
+            f" than {box.reference}"
         )
     elif _has_both_signs(box, parts):
         text = _format_trend(box) or f"{box.channel} is {format_extremes(box, parts)} than {box.reference}"

@@ -58,8 +58,8 @@ def write_diagnosis_report(
         title=format_headline(diagnosis),
         muscle=diagnosis.problem.case.muscle_toml.name,
         document=document,
-        answers=list_answers(diagnosis),
-        bars=list_held_out_bars(diagnosis),
+        answers=list_answers(diagnosis, comparison),
+        bars=list_held_out_bars(diagnosis, comparison),
         p_value=format_p_value(diagnosis.mismatch.p_value),
         residual_p_value=format_p_value(diagnosis.residual_test.p_value),
         map=_draw_picture(partial(plot_map, diagnosis, None), "map", has_title=False),
@@ -161,7 +161,7 @@ def _format_form_error(diagnosis: Diagnosis, id: str) -> str:
     sentence = f"Textbook part: {textbook} rms, according to the equation of the mechanism."
     if not part.share:
         return f"{sentence} Form error: none."
-    return f"{sentence} Form error: {form} rms (φ = {format_percent(part.ratio)} of the textbook part)."
+    return f"{sentence} Form error: {form} rms, {format_percent(part.ratio)} of the textbook part."
 
 
 def _format_quantity(value: float, sd: float | None, meaning: Meaning) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+from pamjax.baselines.comparison import MODEL_TITLES, SAROSI_MODEL
 from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.selection import NamedMechanism
@@ -11,6 +13,9 @@ from pamjax.diagnosis.summary import format_named_estimate
 from pamjax.model.registry import find_mechanism
 from pamjax.text import join_words
 from pamjax.view.wording import keep_units_with_numbers
+
+if TYPE_CHECKING:
+    from pamjax.baselines.comparison import ModelComparison
 
 #: A p-value below this limit is shown as an upper bound.
 _MIN_SHOWN_P_VALUE = 1e-12
@@ -61,15 +66,20 @@ def format_headline(diagnosis: Diagnosis) -> str:
     return f"Missing from the baseline: {titles}{addition}"
 
 
-def list_answers(diagnosis: Diagnosis) -> list[Answer]:
-    """Return the answers in the order in which a reader needs them."""
+def list_answers(diagnosis: Diagnosis, comparison: ModelComparison | None = None) -> list[Answer]:
+    """Return the answers in the order in which a reader needs them.
+
+    Args:
+        diagnosis: the diagnosis.
+        comparison: held-out errors of an empirical formula, if computed.
+    """
     answers = [
         Answer("Missing", _describe_missing(diagnosis)),
         Answer("How sure", _describe_certainty(diagnosis)),
         Answer("Where", _describe_location(diagnosis)),
         Answer(
             IMPROVEMENT_QUESTION if diagnosis.named_mechanisms else "Held-out error",
-            _describe_held_out_errors(diagnosis),
+            (*_describe_held_out_errors(diagnosis), *_describe_better_formula(comparison)),
         ),
         Answer("Next", _describe_next_step(diagnosis)),
     ]
@@ -146,8 +156,23 @@ def _describe_held_out_errors(diagnosis: Diagnosis) -> tuple[str, ...]:
     return (f"RMS error of held-out blocks ({errors.block_description.split(':')[0]}): {'; '.join(parts)}.",)
 
 
-def list_held_out_bars(diagnosis: Diagnosis) -> list[HeldOutBar]:
-    """Return the bars of the channels whose held-out error changes by a tenth or more."""
+def _describe_better_formula(comparison: ModelComparison | None) -> tuple[str, ...]:
+    """Return a warning if an empirical formula predicts the held-out force better."""
+    rmse = comparison.better_formula_rmse if comparison else None
+    if rmse is None:
+        return ()
+    return (
+        f"Sárosi's formula has the smaller error, {rmse:.3g} N: physics is still missing.",
+        "Use the formula for interpolation.",
+    )
+
+
+def list_held_out_bars(diagnosis: Diagnosis, comparison: ModelComparison | None = None) -> list[HeldOutBar]:
+    """Return the bars of the channels whose held-out error changes by a tenth or more.
+
+    A better empirical formula has a bar too. Arguments as in `list_answers`.
+    """
+    formula_rmse = comparison.better_formula_rmse if comparison else None
     errors, noise, bars = diagnosis.held_out_errors, diagnosis.as_dict()["noise"], []
     for channel, baseline_rmse in errors.baseline_rmse.items() if diagnosis.named_mechanisms else ():
         model_rmse = errors.model_rmse[channel]
@@ -156,6 +181,7 @@ def list_held_out_bars(diagnosis: Diagnosis) -> list[HeldOutBar]:
         values = {
             "baseline": to_display(channel, baseline_rmse),
             "with mechanisms": to_display(channel, model_rmse),
+            **({MODEL_TITLES[SAROSI_MODEL]: formula_rmse} if channel == "force" and formula_rmse else {}),
             "noise": noise[channel]["sd"],
         }
         largest, unit = max(values.values()), DISPLAY_UNIT[channel]
@@ -170,7 +196,10 @@ def _describe_next_step(diagnosis: Diagnosis) -> tuple[str, ...]:
     if diagnosis.experiments:
         experiment = diagnosis.experiments[0]
         separates = join_words([f"`{id}`" for id in experiment.separates])
-        return (f"Run this: {experiment.protocol}. It separates {separates} (power {experiment.power:.2f}).",)
+        return (
+            f"Run this: {experiment.protocol}.",
+            f"It separates {separates} with probability {experiment.power:.2f}.",
+        )
     tied = next((m for m in diagnosis.named_mechanisms if m.indistinguishable), None)
     if tied is not None:
         return (f"To separate them: {find_mechanism(tied.id).about.experiment}",)

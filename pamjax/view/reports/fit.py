@@ -61,7 +61,7 @@ def write_fit_report(fit: Fit, path: str | Path, command: str = "pamjax fit") ->
         "fit.html.jinja",
         title=format_headline(fit),
         kicker=f"Fit of {join_words([case_fit.case.name for case_fit in fit.cases])} · {format_model(fit)}",
-        answer=(format_agreement(fit), _format_estimates(estimates)),
+        answer=(format_agreement(fit), _format_estimates(estimates), *_describe_starts(fit)),
         cases=[_describe_case(fit, case_fit, k) for k, case_fit in enumerate(fit.cases)],
         groups=_list_groups(fit),
         rows=[
@@ -128,6 +128,13 @@ def format_headline(fit: Fit) -> str:
     if noise.is_known:
         return "The fitted model explains the recording within its noise"
     return f"The RMS error of {channel} is {format_channel_value(case_fit.rmse[channel], channel)}"
+
+
+def _describe_starts(fit: Fit) -> tuple[str, ...]:
+    """Return a warning if no second start found the result."""
+    if fit.agreeing_starts > 1 or fit.starts == 1:
+        return ()
+    return (f"Only one of {fit.starts} starts found this result: repeat the fit with more starts.",)
 
 
 def format_agreement(fit: Fit) -> str:

@@ -31,12 +31,12 @@ def format_diameter_box(off):
 def test_trend_of_the_diameter_with_pressure_is_reported():
     assert format_diameter_box([-0.47, -0.2, 0.0, 0.23, 0.42]) == (
         "Between 138 and 689 kPa, diameter relative to the baseline increases with pressure,"
-        " from about 0.47 mm lower to about 0.42 mm higher."
+        " from about 0.47 mm smaller to about 0.42 mm larger."
     )
 
 
 def test_misfit_without_trend_has_both_signs():
-    assert "higher or lower" in format_diameter_box([0.4, -0.4, 0.4, -0.4, 0.1])
+    assert "larger or smaller" in format_diameter_box([0.4, -0.4, 0.4, -0.4, 0.1])
 
 
 def test_misfit_along_pressure_is_not_reported_by_direction():

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pamjax.baselines.comparison import ComparisonSplit, ModelComparison
 from pamjax.diagnosis.estimates import ParameterEstimate
 from pamjax.diagnosis.settings import DiagnosisSettings, describe_settings
 from pamjax.diagnosis.summary import format_named_estimate
@@ -125,7 +126,7 @@ def test_noise_is_split_into_stated_and_added_noise(page):
 def test_form_error_is_shown_beside_the_textbook_part(tmp_path):
     result = add_form_error(diagnosis())
     page = Page(write_diagnosis_report(result, tmp_path / "report.html").read_text("utf-8"))
-    assert "Form error: 2 N rms (φ = 10 % of the textbook part)." in page.text
+    assert "Form error: 2 N rms, 10 % of the textbook part." in page.text
     # The effect on the diameter is far below its noise.
     assert "Textbook part: 20 N rms, according to" in page.text
     scores = page.table(["channel", "baseline"])
@@ -212,6 +213,24 @@ def test_bars_show_the_channels_that_improve(page):
     (picture,) = (attrs for attrs in page.every("div") if attrs.get("class") == "bars")
     assert picture["aria-label"].startswith("RMS error of force on held-out blocks: baseline")
     assert list_held_out_bars(diagnosis(detected=False)) == []
+
+
+@pytest.mark.parametrize(("share", "is_shown"), [(0.5, True), (0.99, False)])
+def test_a_formula_with_a_smaller_error_is_on_the_first_screen(share, is_shown):
+    result = diagnosis()
+    model_rmse = result.held_out_errors.model_rmse["force"]
+    rmse = {
+        "baseline": {"force": 50.0},
+        "named": {"force": model_rmse},
+        "sarosi": {"force": share * model_rmse},
+    }
+    split = ComparisonSplit("held out", "276 kPa", result.held_out_errors.held_out_mask, rmse, {})
+    comparison = ModelComparison((split,), {"force": 1.0})
+    (answer,) = (a for a in list_answers(result, comparison) if a.question == "How much better")
+    assert ("physics is still missing" in " ".join(answer.sentences)) == is_shown
+    (bar,) = list_held_out_bars(result, comparison)
+    assert ("Sárosi's formula" in [label for label, _, _ in bar.rows]) == is_shown
+    assert ("physics is still missing" in str(comparison)) == is_shown
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,12 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.view.reports.fit import (
     _build_score_row,
+    _describe_starts,
     _format_prediction_caption,
     _list_assumptions,
     format_agreement,
@@ -65,3 +67,11 @@ def test_caption_has_the_marks_of_the_figure():
     assert _format_prediction_caption(strokes()) == "Points: measured values. Lines: fitted model."
     scattered = made_up_fit(np.linspace(1e5, 4e5, 9), 0.2 - 0.02 * np.linspace(0, 1, 9) ** 2)
     assert _format_prediction_caption(scattered) == "Points: measured values. Crosses: fitted model."
+
+
+@pytest.mark.parametrize(("starts", "agreeing", "is_warned"), [(4, 1, True), (4, 2, False), (1, 1, False)])
+def test_a_result_of_a_single_start_is_on_the_first_screen(starts, agreeing, is_warned):
+    result = fit(lengths())
+    result.starts, result.agreeing_starts = starts, agreeing
+    warning = f"Only one of {starts} starts found this result: repeat the fit with more starts."
+    assert _describe_starts(result) == ((warning,) if is_warned else ())
