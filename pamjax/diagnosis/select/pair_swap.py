@@ -70,11 +70,10 @@ def _find_better_pair(search: MechanismSearch, fit: ModelFit) -> ModelFit | None
     trials = chain.from_iterable(parallel_map(partial(_fit_pair_replacements, search, fit), positions))
     max_bic = fit.bic + search.settings.max_rough_chi2_share * fit.noise.size
     promising = sorted((trial for trial in trials if trial.bic < max_bic), key=lambda trial: trial.bic)
+    chosen = promising[: search.settings.final_refit_count]
     results = [
         result
-        for trial, result in (
-            (trial, _finish_search(search, trial)) for trial in promising[: search.settings.final_refit_count]
-        )
+        for trial, result in zip(chosen, parallel_map(partial(_finish_search, search), chosen), strict=True)
         if search.compute_bic(result) < search.compute_bic(fit) - search.settings.tie_chi2
         and _is_acceptable(
             search, fit, result, has_more_mechanisms=len(trial.mechanisms) > len(fit.mechanisms)
