@@ -161,7 +161,7 @@ class DiagnosisSettings:
         "Report a residual as unexplained only if its rms exceeds this",
         "less is reported as unexplained")
     min_unexplained_rms_share: float = _detect(0.15, "share of the baseline's rms", 0.0, 1.0,
-        "Report a residual below `max_held_out_error_ratio` as unexplained only if its rms exceeds this",
+        "Report a residual as unexplained only if its rms also exceeds this",
         "less is reported as unexplained")
     ranges_per_axis: int = _detect(5, "count", 2, 100,
         "Test a shift of the mean in this many ranges of pressure and of contraction",
@@ -306,7 +306,7 @@ class DiagnosisSettings:
         "Reduce the certainty of masked effects, or of all if misfit is unexplained, to this share",
         "higher probabilities in these cases")
     max_held_out_error_ratio: float = _crossval(3.0, "expected rms error", 1.0, 1e6,
-        "Report an unexplained part if the error of the fit, or on held-out blocks, is larger than this",
+        "Report an unexplained part if the error on held-out blocks is larger than this",
         "fewer reports of unexplained misfit")
     held_out_interval: int = _crossval(5, "count", 2, 1000,
         "Hold out one block in this many",

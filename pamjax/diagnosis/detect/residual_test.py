@@ -68,18 +68,14 @@ def is_residual_significant(
 def is_residual_large(
     mismatch: ResidualTest, residual_test: ResidualTest, settings: DiagnosisSettings
 ) -> bool:
-    """Return whether the rms of a residual is large compared with the noise and the baseline's residual.
-
-    A residual of several times the noise is large beside any baseline.
-    """
+    """Return whether the rms of a residual is large compared with the noise and the baseline's residual."""
     residual_excess, mismatch_excess = (
         max(residual_test.mean_square - 1, 0.0),
         max(mismatch.mean_square - 1, 0.0),
     )
-    share_of_baseline = settings.min_unexplained_rms_share**2 * mismatch_excess
-    several_times_noise = settings.max_held_out_error_ratio**2 - 1
     return bool(
-        residual_excess > max(settings.min_unexplained_rms**2, min(share_of_baseline, several_times_noise))
+        residual_excess
+        > max(settings.min_unexplained_rms**2, settings.min_unexplained_rms_share**2 * mismatch_excess)
     )
 
 
