@@ -8,7 +8,7 @@ import numpy as np
 
 from pamjax.records.recording import Recording
 
-#: A diagnosis of more rows can take ten minutes (docs/performance.md).
+#: A diagnosis of more rows can take several minutes (docs/performance.md).
 MANY_ROWS = 5000
 
 #: Number of rows to which the advice reduces a recording.
@@ -24,7 +24,7 @@ def advise_reduction(recording: Recording) -> list[str]:
         return []
     duration = math.ceil(recording.n / _ADVISED_ROWS) * float(np.median(intervals))
     return [
-        f"A diagnosis of {recording.n:,} rows can take ten minutes or more.",
+        f"A diagnosis of {recording.n:,} rows can take several minutes.",
         f'Into a new folder, `pamjax import` with `median = "{duration:.2g} s"` in its TOML file writes at'
         f" most about {_ADVISED_ROWS:,} rows.",
     ]

@@ -22,7 +22,7 @@ def build_recording(n, time=None):
 def test_long_recording_gets_the_duration_of_medians():
     # Every third sample of 20 Hz: 6,580 rows become 2,193.
     first, second = advise_reduction(build_recording(6580, 0.05 * np.arange(6580)))
-    assert first == "A diagnosis of 6,580 rows can take ten minutes or more."
+    assert first == "A diagnosis of 6,580 rows can take several minutes."
     assert '`median = "0.15 s"`' in second
     assert second.endswith("writes at most about 2,500 rows.")
 
