@@ -135,9 +135,7 @@ class ModelComparison:
                         f"  {_format_split(split)}, {channel}: {', '.join(scores)} {DISPLAY_UNIT[channel]}"
                     )
         if self.better_formula_rmse is not None:
-            lines.append(
-                "  Sárosi's formula has the smaller error on held-out rows: physics is still missing"
-            )
+            lines.append("  Sárosi's formula has the smaller error on held-out rows: interpolate with it")
         return "\n".join(lines)
 
 

@@ -230,8 +230,8 @@ def compute_pressure_drops() -> Curves:
     past, history = Past(state, pressure, nothing, nothing), build_time_history(time, time == 0)
     forms = {
         "laminar": PressureDrop(impedance=2e8),
-        "turbulence": PressureDrop(turbulence=1e13),
-        "compressibility": PressureDrop(turbulence=3e12, compressibility=1.0),
+        "turbulence": PressureDrop(turbulence=4e12),
+        f"gas at {1e-3 * _LOOP_PRESSURE:.0f} kPa": PressureDrop(turbulence=4e12, compressibility=1.0),
     }
     inner = slice(5, -5)
     return {

@@ -161,10 +161,7 @@ def _describe_better_formula(comparison: ModelComparison | None) -> tuple[str, .
     rmse = comparison.better_formula_rmse if comparison else None
     if rmse is None:
         return ()
-    return (
-        f"Sárosi's formula has the smaller error, {rmse:.3g} N: physics is still missing.",
-        "Use the formula for interpolation.",
-    )
+    return (f"Sárosi's formula has the smaller error, {rmse:.3g} N: interpolate with it.",)
 
 
 def list_held_out_bars(diagnosis: Diagnosis, comparison: ModelComparison | None = None) -> list[HeldOutBar]:
