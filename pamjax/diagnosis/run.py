@@ -15,7 +15,6 @@ from pamjax.diagnosis.crossval.confirm_selection import (
 )
 from pamjax.diagnosis.crossval.held_out_errors import (
     HeldOutErrors,
-    build_held_out_mask,
     compute_held_out_errors,
 )
 from pamjax.diagnosis.detect.locate import locate_effects, locate_residual
@@ -33,9 +32,8 @@ from pamjax.diagnosis.form_errors.prediction import (
     describe_form_errors,
     predict_with_uncertainty,
 )
-from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem, select_rows
+from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.experiment import Experiment, propose_experiments
-from pamjax.diagnosis.noise.input_noise import clear_evaluations
 from pamjax.diagnosis.noise.noise_ratios import compute_noise_ratios, format_noise_notes
 from pamjax.diagnosis.notes import format_notes
 from pamjax.diagnosis.outside.template_context import get_template_builder
@@ -46,7 +44,7 @@ from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.saved_form_errors import build_saved_form_errors
-from pamjax.diagnosis.search_rows import choose_search_rows
+from pamjax.diagnosis.search_rows import DiagnosedRows
 from pamjax.diagnosis.select.model_averaging import average_models
 from pamjax.diagnosis.select.replace_by_template import replace_by_template
 from pamjax.diagnosis.select.selection import (
@@ -60,54 +58,8 @@ from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.infer.form_errors.form_model import FormErrorModel
 from pamjax.infer.form_errors.parts import FormErrorPart
 from pamjax.progress import Progress, ignore_progress
-from pamjax.records.blocks import Blocks, find_blocks
+from pamjax.records.blocks import Blocks
 from pamjax.records.case import Case, ensure_case
-
-
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """The rows of a recording: all of them, and those in which mechanisms are searched.
-
-    Attributes:
-        problem: all rows, and the library.
-        blocks: isobars, holds or cycles of all rows.
-        training_mask: (n,) whether a row is not held out.
-        length: (n,) m, as it was read; the length of `problem` is averaged where it is fixed.
-        search_problem: the rows of the search, and the library.
-        search_rows: (k,) their indices.
-    """
-
-    problem: LibraryProblem
-    blocks: Blocks
-    training_mask: np.ndarray
-    length: np.ndarray
-    search_problem: LibraryProblem
-    search_rows: np.ndarray
-
-    @classmethod
-    def from_case(cls, case: Case, settings: DiagnosisSettings) -> _Rows:
-        """Return the rows of a case."""
-        problem, blocks = build_library_problem(case, settings), find_blocks(case.recording)
-        search_rows = choose_search_rows(problem.case.recording, settings.max_search_rows)
-        search_problem = problem if search_rows.size == problem.n else select_rows(problem, search_rows)
-        training_mask = ~build_held_out_mask(blocks, settings)
-        return cls(problem, blocks, training_mask, case.recording.length, search_problem, search_rows)
-
-    @property
-    def search_blocks(self) -> Blocks:
-        """Return the blocks of the rows of the search."""
-        return replace(self.blocks, label=self.blocks.label[self.search_rows])
-
-    def start_compilation(self) -> None:
-        """Start to compile the programs, those of the search first."""
-        self.search_problem.start_compilation()
-        if self.search_problem is not self.problem:
-            self.problem.start_compilation(with_all_mechanisms=False)
-
-    def clear_evaluations(self) -> None:
-        """Forget the cached evaluations: the result holds the problem, and must not hold them."""
-        clear_evaluations(self.search_problem)
-        clear_evaluations(self.problem)
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +163,7 @@ def diagnose(
     """
     case = ensure_case(case)
     progress("compiling", 0.0)
-    rows = _Rows.from_case(case, settings)
+    rows = DiagnosedRows.from_case(case, settings)
     rows.start_compilation()
     try:
         return _diagnose_rows(rows, seed, progress)
@@ -219,7 +171,7 @@ def diagnose(
         rows.clear_evaluations()
 
 
-def _diagnose_rows(rows: _Rows, seed: int, progress: Progress) -> Diagnosis:
+def _diagnose_rows(rows: DiagnosedRows, seed: int, progress: Progress) -> Diagnosis:
     search_problem, settings = rows.search_problem, rows.problem.settings
     training = _test_baseline(rows, seed)
     selection = (
@@ -253,7 +205,7 @@ def _diagnose_rows(rows: _Rows, seed: int, progress: Progress) -> Diagnosis:
 
 
 def _build_diagnosis(
-    rows: _Rows,
+    rows: DiagnosedRows,
     training: _Training,
     confirmed_selection: _TestedSelection,
     held_out_test: _HeldOutTest,
@@ -305,7 +257,7 @@ def _build_diagnosis(
     )
 
 
-def _test_baseline(rows: _Rows, seed: int) -> _Training:
+def _test_baseline(rows: DiagnosedRows, seed: int) -> _Training:
     """Return the fit of the baseline to the training rows of the search, and the test of its residual."""
     problem, mask = rows.search_problem, rows.training_mask[rows.search_rows]
     baseline = fit_model(problem, mask, (), problem.neutral)
@@ -347,7 +299,7 @@ def _cross_validate_on_blocks(training: _Training, tested_selection: _TestedSele
     return confirmed_selection if is_explained else _reduce_certainty(problem, confirmed_selection)
 
 
-def _test_held_out_rows(rows: _Rows, selection: Selection) -> _HeldOutTest:
+def _test_held_out_rows(rows: DiagnosedRows, selection: Selection) -> _HeldOutTest:
     """Return the prediction of the held-out rows by a fit of the selected model without them."""
     problem, mask = rows.problem, rows.training_mask
     baseline = fit_model(problem, mask, (), selection.baseline.estimate.values)

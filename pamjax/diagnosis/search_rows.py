@@ -1,8 +1,8 @@
 """Rows of a recording in which mechanisms are searched.
 
-The duration of a search is proportional to the number of rows. Samples of a long recording resolve its
-strokes many times over. A search needs no more of them than one tenth of its shape parameters, so it takes
-every second, third, … row. The chosen mechanisms are then fitted to all rows.
+The duration of a search is proportional to the number of rows. A long recording has more samples in each
+stroke than a search needs, so it takes every second, third, … row. The chosen mechanisms are then fitted to
+all rows.
 
 Neglects: effects that are faster than the interval of the rows that are taken.
 """
@@ -10,11 +10,63 @@ Neglects: effects that are faster than the interval of the rows that are taken.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pamjax.records.blocks import assign_length_levels
+from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask
+from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem, select_rows
+from pamjax.diagnosis.noise.input_noise import clear_evaluations
+from pamjax.diagnosis.settings import DiagnosisSettings
+from pamjax.records.blocks import Blocks, assign_length_levels, find_blocks
+from pamjax.records.case import Case
 from pamjax.records.recording import Recording
+
+
+@dataclass(frozen=True, eq=False)
+class DiagnosedRows:
+    """The rows of a recording: all of them, and those in which mechanisms are searched.
+
+    Attributes:
+        problem: all rows, and the library.
+        blocks: isobars, holds or cycles of all rows.
+        training_mask: (n,) whether a row is not held out.
+        length: (n,) m, as it was read; the length of `problem` is averaged where it is fixed.
+        search_problem: the rows of the search, and the library.
+        search_rows: (k,) their indices.
+    """
+
+    problem: LibraryProblem
+    blocks: Blocks
+    training_mask: np.ndarray
+    length: np.ndarray
+    search_problem: LibraryProblem
+    search_rows: np.ndarray
+
+    @classmethod
+    def from_case(cls, case: Case, settings: DiagnosisSettings) -> DiagnosedRows:
+        """Return the rows of a case."""
+        problem, blocks = build_library_problem(case, settings), find_blocks(case.recording)
+        search_rows = choose_search_rows(problem.case.recording, settings.max_search_rows)
+        search_problem = problem if search_rows.size == problem.n else select_rows(problem, search_rows)
+        training_mask = ~build_held_out_mask(blocks, settings)
+        return cls(problem, blocks, training_mask, case.recording.length, search_problem, search_rows)
+
+    @property
+    def search_blocks(self) -> Blocks:
+        """Return the blocks of the rows of the search."""
+        return replace(self.blocks, label=self.blocks.label[self.search_rows])
+
+    def start_compilation(self) -> None:
+        """Start to compile the programs, those of the search first."""
+        self.search_problem.start_compilation()
+        if self.search_problem is not self.problem:
+            self.problem.start_compilation(with_all_mechanisms=False)
+
+    def clear_evaluations(self) -> None:
+        """Forget the cached evaluations: the result holds the problem, and must not hold them."""
+        clear_evaluations(self.search_problem)
+        clear_evaluations(self.problem)
 
 
 def choose_search_rows(recording: Recording, max_rows: int) -> np.ndarray:
