@@ -67,10 +67,8 @@ def _format_unexplained_part(diagnosis: Diagnosis) -> Iterator[str]:
     if not diagnosis.unexplained:
         return
     likeness = f"; like {diagnosis.likenesses[0].description}" if diagnosis.likenesses else ""
-    yield (
-        f"  unexplained: {diagnosis.residual_share:.0%} of the misfit; no mechanism of the library"
-        f" explains it{likeness}"
-    )
+    share = "below 1%" if diagnosis.residual_share < 0.005 else f"{diagnosis.residual_share:.0%}"
+    yield f"  unexplained: {share} of the misfit; no mechanism of the library explains it{likeness}"
     for box in diagnosis.residual_boxes[:2]:
         yield f"    {box.description}"
 

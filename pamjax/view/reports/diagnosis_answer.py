@@ -101,7 +101,7 @@ def _describe_missing(diagnosis: Diagnosis) -> tuple[str, ...]:
         sentences.append(f"`{mechanism.id}`: {listed}.")
     if diagnosis.unexplained:
         likeness = f", similar to {diagnosis.likenesses[0].description}" if diagnosis.likenesses else ""
-        share = format_percent(diagnosis.residual_share)
+        share = "Below 1 %" if diagnosis.residual_share < 0.005 else format_percent(diagnosis.residual_share)
         sentences.append(f"{share} of the misfit is unexplained{likeness}.")
     if diagnosis.is_faint:
         sentences.append("The misfit is far below the noise of one row, so pamjax names no mechanism.")

@@ -61,3 +61,9 @@ def test_mechanisms_that_increase_the_error_are_reported(force, diameter, is_inc
     assert errors.is_increased == is_increased
     text = str(replace(result, held_out_errors=errors))
     assert ("the mechanisms increase the held-out error" in text) == is_increased
+
+
+@pytest.mark.parametrize(("share", "text"), [(0.12, "12% of"), (0.002, "below 1% of")])
+def test_a_small_unexplained_share_is_not_zero(share, text):
+    result = replace(diagnosis(unexplained=True), residual_share=share)
+    assert f"unexplained: {text} the misfit" in str(result)
