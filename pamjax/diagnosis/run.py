@@ -190,13 +190,7 @@ def _diagnose_rows(rows: DiagnosedRows, seed: int, progress: Progress) -> Diagno
     final_fit = _fit_all_rows(rows.problem, confirmed_selection.selection)
     notes = _list_selection_notes(tested_selection, confirmed_selection, settings)
     progress("proposing experiments", 0.9)
-    experiments = propose_experiments(
-        rows.problem,
-        final_fit.model,
-        final_fit.selection.named_mechanisms,
-        search_problem,
-        confirmed_selection.selection.model,
-    )
+    experiments = propose_experiments(rows.problem, final_fit.model, final_fit.selection.named_mechanisms)
     diagnosis = _build_diagnosis(
         rows, training, confirmed_selection, held_out_test, final_fit, build_templates_at, experiments, notes
     )
@@ -318,7 +312,7 @@ def _doubt_failed_prediction(
     """
     is_too_large = errors.largest_error_ratio > training.problem.settings.max_held_out_error_ratio
     if (
-        not (is_too_large or errors.is_increased)
+        not (is_too_large or errors.is_increased(training.problem.settings))
         or confirmed_selection.unexplained
         or not confirmed_selection.selection.named_mechanisms
     ):

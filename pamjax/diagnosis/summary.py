@@ -92,7 +92,7 @@ def _format_held_out_errors(diagnosis: Diagnosis) -> Iterator[str]:
             f"  the held-out error is {errors.largest_error_ratio:.1f} times the expected one: physics is"
             " missing, or a named mechanism is wrong"
         )
-    if diagnosis.named_mechanisms and errors.is_increased:
+    if diagnosis.named_mechanisms and errors.is_increased(diagnosis.settings):
         yield "  the mechanisms increase the held-out error: do not use this model to predict"
     if diagnosis.named_mechanisms and not errors.baseline_rmse:
         yield (

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-#: Atmospheric pressure, Pa.
-_ATMOSPHERE = 101325.0
+from pamjax.units import ATMOSPHERIC_PRESSURE
 
 
 def lose_exponentially(pressure: np.ndarray, threshold: float) -> np.ndarray:
@@ -38,7 +37,7 @@ def drop_by_orifice(flow: np.ndarray, pressure: np.ndarray, reference: float, dr
     Q in m³/s, Pa the atmospheric pressure. Zero without flow. Source: Bernoulli's law with losses.
     """
     ratio = flow / reference
-    return drop * (1 + pressure / _ATMOSPHERE) * ratio * np.abs(ratio)
+    return drop * (1 + pressure / ATMOSPHERIC_PRESSURE) * ratio * np.abs(ratio)
 
 
 def deflect_by_hertz(force: np.ndarray, deflection: float, reference: float, exponent: float) -> np.ndarray:

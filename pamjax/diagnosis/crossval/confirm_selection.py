@@ -60,7 +60,8 @@ def cross_validate_selection(
         weak = [m for m in reweighted if m.probability < problem.settings.established_probability]
         if len(weak) < 2:
             break
-        worst = min(weak, key=lambda m: cross_validation.left_out_excess_without[m.id])
+        excess_without = cross_validation.left_out_excess_without
+        worst = min(weak, key=lambda m: (excess_without[m.id], m.probability))
         others = [m for m in selection.named_mechanisms if m.id != worst.id]
         selection = restrict_selection(problem, training_mask, selection, others)
     return (

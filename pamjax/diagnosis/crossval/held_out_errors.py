@@ -54,16 +54,16 @@ class HeldOutErrors:
             default=0.0,
         )
 
-    @property
-    def is_increased(self) -> bool:
+    def is_increased(self, settings: DiagnosisSettings) -> bool:
         """Return whether the mechanisms increase the squared error over the expected one, of all channels.
 
-        A small increase by chance does not count: two standard deviations of a sum of squares.
+        An increase by chance does not count (setting `max_noise_chi2_sd`).
         """
         increase = self._sum_relative_squares(self.model_rmse) - self._sum_relative_squares(
             self.baseline_rmse
         )
-        return bool(increase > 2 * np.sqrt(2 / max(self.held_out_mask.sum(), 1)))
+        noise_sd = np.sqrt(2 / max(self.held_out_mask.sum(), 1))
+        return bool(increase > settings.max_noise_chi2_sd * noise_sd)
 
     def _sum_relative_squares(self, rmse: dict[str, float]) -> float:
         return sum(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -56,11 +57,7 @@ class Experiment:
 
 
 def propose_experiments(
-    problem: LibraryProblem,
-    fit: ModelFit,
-    named_mechanisms: Sequence[NamedMechanism],
-    search_problem: LibraryProblem,
-    search_fit: ModelFit,
+    problem: LibraryProblem, fit: ModelFit, named_mechanisms: Sequence[NamedMechanism]
 ) -> list[Experiment]:
     """Return protocols that distinguish each identified mechanism from its indistinguishable rivals.
 
@@ -68,8 +65,6 @@ def propose_experiments(
         problem: the recording and the library.
         fit: the refitted model with the identified mechanisms.
         named_mechanisms: the identified mechanisms with their rivals.
-        search_problem: the rows in which mechanisms were searched.
-        search_fit: the model of the search; rivals are fitted to these rows first.
 
     Returns:
         one experiment for each chosen protocol; empty without rivals, and for an isotonic test, whose
@@ -92,9 +87,8 @@ def propose_experiments(
     testbed = SimulatedTestbed.from_fit(problem, fit)
     best = {}
     for name, rival in pairs:
-        rival_fit = fit_rival(search_problem, search_fit, name, rival)
+        rival_fit = fit_rival(problem, fit, name, rival)
         if rival_fit is not None:
-            rival_fit = _refit_to_all_rows(problem, fit, rival_fit)
             best[name, rival] = choose_experiment(
                 evaluate_protocols(testbed, fit, rival_fit, (name, rival)), problem.settings
             )
@@ -108,7 +102,7 @@ def _merge_by_protocol(experiments: list[Experiment]) -> list[Experiment]:
         known_experiment = out.get(experiment.protocol)
         if known_experiment is not None:
             ids = tuple(dict.fromkeys((*known_experiment.separates, *experiment.separates)))
-            experiment = replace(
+            experiment = dataclasses.replace(
                 experiment, separates=ids, power=min(experiment.power, known_experiment.power)
             )
         out[experiment.protocol] = experiment
@@ -140,12 +134,6 @@ def evaluate_protocols(
 
 def _format_duration(minutes: float) -> str:
     return f"{minutes:.0f} min" if minutes < 90 else f"{minutes / 60:.0f} h"
-
-
-def _refit_to_all_rows(problem: LibraryProblem, fit: ModelFit, rival_fit: ModelFit) -> ModelFit:
-    """Return a model with a rival, refitted to all rows with the noise of the identified model."""
-    free, values = rival_fit.estimate.free, rival_fit.estimate.values
-    return replace(rival_fit, noise=fit.noise, estimate=fit_parameters(problem, fit.noise, free, values))
 
 
 def fit_rival(problem: LibraryProblem, fit: ModelFit, name: str, rival: str) -> ModelFit | None:

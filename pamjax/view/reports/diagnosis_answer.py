@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from pamjax.baselines.comparison import MODEL_TITLES, SAROSI_MODEL
+from pamjax.baselines.comparison import MODEL_TITLES, SAROSI_MODEL, ModelComparison
 from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.selection import NamedMechanism
@@ -13,9 +12,6 @@ from pamjax.diagnosis.summary import format_named_estimate
 from pamjax.model.registry import find_mechanism
 from pamjax.text import join_words
 from pamjax.view.wording import keep_units_with_numbers
-
-if TYPE_CHECKING:
-    from pamjax.baselines.comparison import ModelComparison
 
 #: A p-value below this limit is shown as an upper bound.
 _MIN_SHOWN_P_VALUE = 1e-12

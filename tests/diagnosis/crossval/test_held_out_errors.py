@@ -8,6 +8,7 @@ import pytest
 from pamjax.benchmark.setups import build_reference_setup
 from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask, compute_held_out_errors
 from pamjax.diagnosis.form_errors.prediction import ModelPrediction
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.problem.rms import compute_rms
 from pamjax.records.blocks import Blocks, find_blocks
 from tests.agreement import ROUNDING, agree
@@ -58,7 +59,7 @@ def test_mechanisms_that_increase_the_error_are_reported(force, diameter, is_inc
         baseline_rmse=baseline,
         model_rmse={"force": force * baseline["force"], "diameter": diameter * baseline["diameter"]},
     )
-    assert errors.is_increased == is_increased
+    assert errors.is_increased(DEFAULT_SETTINGS) == is_increased
     text = str(replace(result, held_out_errors=errors))
     assert ("the mechanisms increase the held-out error" in text) == is_increased
 
