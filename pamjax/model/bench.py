@@ -130,9 +130,12 @@ class Bench(eqx.Module):
             )
 
         without_memory = pressure, zeros, (zeros, zeros)
-        if not any(self.find_mechanisms(kind) for kind in HISTORY_DEPENDENT):
+        with_memory = [m for m in self.mechanisms if isinstance(m, HISTORY_DEPENDENT)]
+        if not with_memory:
             return solve_all(*without_memory)
-        passes = 2 if history.has_memory is None else jnp.where(history.has_memory, 2, 1)
+        passes = 2
+        if history.acting is not None:
+            passes = jnp.where(jnp.stack([history.acting[m.id] for m in with_memory]).any(), 2, 1)
 
         def run_pass(k, carry):
             inputs, _ = carry
@@ -150,8 +153,12 @@ class Bench(eqx.Module):
 
     def _compute_memory(self, first_pass: Past, history: History) -> tuple[Samples, Samples, Pair]:
         """Return inner pressure (Pa), thread extension and memory loads (N), from the pass without memory."""
+        acting = history.acting
         for line in self.find_mechanisms(AbstractPressureLoss):
-            first_pass = eqx.tree_at(lambda p: p.pressure, first_pass, line.pressure(history, first_pass))
+            inner_pressure = _compute_if_acting(
+                line, acting, line.pressure, history, first_pass, absent=first_pass.pressure
+            )
+            first_pass = eqx.tree_at(lambda p: p.pressure, first_pass, inner_pressure)
         zeros, memories = jnp.zeros_like(first_pass.pressure), self.find_mechanisms(AbstractMemory)
         repeated_past, first_row, row_count = first_pass, 0, history.row_count
         if history.settled:
@@ -159,14 +166,14 @@ class Bench(eqx.Module):
             history, first_row = history.repeat(), zeros.size
         extension = sum(
             (
-                slip.extension(history, repeated_past)[first_row:]
+                _compute_if_acting(slip, acting, slip.extension, history, repeated_past)[first_row:]
                 for slip in self.find_mechanisms(AbstractSlip)
             ),
             zeros,
         )
         strains = [memory.strains(repeated_past.state, repeated_past.pressure).T for memory in memories]
         stresses = [
-            m.stresses(history, strain, repeated_past)[first_row:]
+            _compute_if_acting(m, acting, m.stresses, history, strain, repeated_past)[first_row:]
             for m, strain in zip(memories, strains, strict=True)
         ]
         memory_loads = (
@@ -236,6 +243,24 @@ class Bench(eqx.Module):
         return sum(
             (rig.deflection(force) for rig in self.find_mechanisms(AbstractRigCompliance)), jnp.zeros(())
         )
+
+
+def _compute_if_acting(mechanism, acting, function, *arguments, absent: Array | None = None) -> Array:
+    """Return the function's value if a mechanism acts, else `absent`, or zeros if omitted.
+
+    Args:
+        mechanism: the mechanism.
+        acting: whether each mechanism acts, by id; None for all.
+        function: a function of the arguments.
+        arguments: pytrees of arrays.
+        absent: the value without the mechanism.
+    """
+    if acting is None:
+        return function(*arguments)
+    if absent is None:
+        shape = jax.eval_shape(function, *arguments)
+        absent = jnp.zeros(shape.shape, shape.dtype)
+    return jax.lax.cond(acting[mechanism.id], lambda: function(*arguments), lambda: absent)
 
 
 def _map_blocks(function, row_count: Array | None, *rows):

@@ -46,13 +46,13 @@ _DERIVATIVES_PER_PASS, _DERIVATIVES_PER_LONG_PASS = 6, 3
 #: Most rows of a program that computes `_DERIVATIVES_PER_PASS` derivatives in parallel.
 _MAX_SHORT_ROWS = 5120
 
-#: Key of a prediction without derivatives. That of a sweep is whether mechanisms with memory act.
+#: Key of a prediction without derivatives. That of a sweep is whether a mechanism with memory acts.
 _PREDICTION_ALONE = "alone"
 
 #: The mechanism that costs as much as all others together. `reduced_dataset` does not contain it.
 COSTLIEST_MECHANISM = "end_taper"
 
-#: Mechanisms that depend on earlier samples. While one is active, the recording is simulated twice.
+#: Mechanisms that depend on earlier samples. If one is active, the recording is simulated twice.
 _MECHANISMS_WITH_MEMORY = {kind.id for kind in MECHANISMS if issubclass(kind, HISTORY_DEPENDENT)}
 
 
@@ -122,9 +122,11 @@ class LibraryProblem(LibraryParameters):
         active_ids = self.find_active_mechanisms(values)
         key, evaluation = self._find_evaluation(values, active_ids)
         if _PREDICTION_ALONE not in evaluation.predictions:
-            with_memory = jnp.asarray(bool(_MECHANISMS_WITH_MEMORY & active_ids))
             prediction = programs.run_compiled(
-                _predict_channels, self._choose_dataset(active_ids), jnp.asarray(values), with_memory
+                _predict_channels,
+                self._choose_dataset(active_ids),
+                jnp.asarray(values),
+                _flag_mechanisms(active_ids),
             )
             evaluation = evaluation.merge(
                 {_PREDICTION_ALONE: np.array(np.asarray(prediction)[:, : self.n])}, {}
@@ -148,11 +150,11 @@ class LibraryProblem(LibraryParameters):
             with_all_mechanisms: whether to compile the derivatives with `COSTLIEST_MECHANISM`.
         """
         programs.start_compilation(
-            _predict_channels, self.reduced_dataset, jnp.asarray(self.neutral), jnp.asarray(True)
+            _predict_channels, self.reduced_dataset, jnp.asarray(self.neutral), _flag_mechanisms(())
         )
         for dataset in (self.reduced_dataset, *([self.dataset] if with_all_mechanisms else [])):
             programs.start_compilation(
-                _sweep_derivatives, *_pack_sweep_arguments(dataset, self.neutral, (), True)
+                _sweep_derivatives, *_pack_sweep_arguments(dataset, self.neutral, (), ())
             )
 
     def predict_with_jacobian(self, values: np.ndarray, indices) -> tuple[np.ndarray, np.ndarray]:
@@ -166,16 +168,16 @@ class LibraryProblem(LibraryParameters):
         active_ids = self.find_active_mechanisms(values)
         ids = active_ids | {_get_mechanism_id(self.names[k]) for k in indices}
         key, evaluation = self._find_evaluation(values, ids)
-        has_memory = {
-            k: bool(_MECHANISMS_WITH_MEMORY & (active_ids | {_get_mechanism_id(self.names[k])}))
-            for k in indices
-        }
+        acting_ids = {k: active_ids | {_get_mechanism_id(self.names[k])} for k in indices}
+        has_memory = {k: bool(_MECHANISMS_WITH_MEMORY & acting_ids[k]) for k in indices}
         missing = [k for k in indices if k not in evaluation.derivatives]
         for with_memory in (False, True):
             group = [k for k in missing if has_memory[k] == with_memory]
             for start in range(0, len(group), _DERIVATIVES_PER_SWEEP):
                 batch = group[start : start + _DERIVATIVES_PER_SWEEP]
-                prediction, jacobian = self._run_sweep(self._choose_dataset(ids), values, batch, with_memory)
+                prediction, jacobian = self._run_sweep(
+                    self._choose_dataset(ids), values, batch, set().union(*(acting_ids[k] for k in batch))
+                )
                 # Copies: the arrays of the program have empty rows and slots.
                 columns = {k: np.array(column) for k, column in zip(batch, jacobian, strict=True)}
                 evaluation = evaluation.merge({with_memory: np.array(prediction)}, columns)
@@ -197,11 +199,11 @@ class LibraryProblem(LibraryParameters):
         return key, self.evaluations.get(key)
 
     def _run_sweep(
-        self, dataset: Dataset, values: np.ndarray, indices: Sequence[int], with_memory: bool
+        self, dataset: Dataset, values: np.ndarray, indices: Sequence[int], acting_ids: Collection[str]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the prediction, (2, n), and its derivatives, (k, 2, n), of one sweep."""
         prediction, jacobian = programs.run_compiled(
-            _sweep_derivatives, *_pack_sweep_arguments(dataset, values, indices, with_memory)
+            _sweep_derivatives, *_pack_sweep_arguments(dataset, values, indices, acting_ids)
         )
         return np.asarray(prediction)[:, : self.n], np.asarray(jacobian)[: len(indices), :, : self.n]
 
@@ -210,32 +212,37 @@ def _get_mechanism_id(name: str) -> str:
     return name.partition(".")[0]
 
 
-def _pack_sweep_arguments(dataset: Dataset, values, indices, with_memory: bool) -> tuple:
+def _flag_mechanisms(acting_ids: Collection[str]) -> dict[str, Array]:
+    """Return whether each mechanism with memory acts, by id."""
+    return {id: jnp.asarray(id in acting_ids) for id in _MECHANISMS_WITH_MEMORY}
+
+
+def _pack_sweep_arguments(dataset: Dataset, values, indices, acting_ids: Collection[str]) -> tuple:
     slots = np.zeros(_DERIVATIVES_PER_SWEEP, dtype=int)
     slots[: len(indices)] = indices
-    counts = jnp.asarray(len(indices)), jnp.asarray(with_memory)
+    counts = jnp.asarray(len(indices)), _flag_mechanisms(acting_ids)
     return dataset, jnp.asarray(values), jnp.asarray(slots), *counts
 
 
 @compile_on_call
-def _predict_channels(dataset: Dataset, values: Float[Array, " p"], with_memory: Array) -> Array:
-    """Return the predicted channels; `with_memory` is true if an active mechanism has memory."""
-    dataset = eqx.tree_at(lambda m: m.history.has_memory, dataset, with_memory, is_leaf=lambda x: x is None)
+def _predict_channels(dataset: Dataset, values: Float[Array, " p"], acting: dict[str, Array]) -> Array:
+    """Return the predicted channels; `acting` is whether each mechanism with memory acts, by id."""
+    dataset = eqx.tree_at(lambda m: m.history.acting, dataset, acting, is_leaf=lambda x: x is None)
     return dataset.predict_channels(values)
 
 
 @compile_on_call
 def _sweep_derivatives(
-    dataset: Dataset, values: Float[Array, " p"], slots: Array, count: Array, with_memory: Array
+    dataset: Dataset, values: Float[Array, " p"], slots: Array, count: Array, acting: dict[str, Array]
 ) -> tuple[Array, Array]:
     """Return the prediction and its derivatives by the first `count` parameters in `slots`.
 
-    `with_memory` is true if one of them, or an active mechanism, has memory: the recording is
-    then simulated twice.
+    `acting` is whether each mechanism with memory acts, or is that of a parameter. The recording is
+    simulated twice if one of them does.
     """
 
     def predict(x):
-        return _predict_channels(dataset, x, with_memory)
+        return _predict_channels(dataset, x, acting)
 
     rows = dataset.rows.pressure.size
     per_pass = _DERIVATIVES_PER_PASS if rows <= _MAX_SHORT_ROWS else _DERIVATIVES_PER_LONG_PASS
