@@ -32,6 +32,7 @@ from pamjax.diagnosis.form_errors.prediction import (
     describe_form_errors,
     predict_with_uncertainty,
 )
+from pamjax.diagnosis.form_errors.uncertainty import include_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.experiment import Experiment, propose_experiments
 from pamjax.diagnosis.noise.noise_ratios import compute_noise_ratios, format_noise_notes
@@ -358,7 +359,7 @@ def _fit_all_rows(problem: LibraryProblem, selection: Selection) -> _FinalFit:
     return _FinalFit(
         _add_form_error_ratios(selection, form_errors),
         baseline,
-        model,
+        include_form_errors(model, form_error_fit),
         form_errors,
         build_saved_form_errors(problem, form_error_fit),
     )

@@ -29,8 +29,8 @@ class ModelFit:
         noise: noise model, estimated from the residual of this model.
         estimate: the estimated parameters.
         input_noise_chi2: expected χ² due to input noise that the noise model does not include.
-        between_model_covariance: (k, k) covariance of the free parameters between models that fit equally
-            well, SI.
+        between_model_covariance: (k, k) what other models that fit equally well, and form errors, add to the
+            covariance of the free parameters, SI.
         errors_in_variables_bias: (k,) bias of the free parameters due to input noise, SI.
     """
 
@@ -88,7 +88,7 @@ class ModelFit:
 
     @property
     def within_model_covariance(self) -> np.ndarray:
-        """Return the covariance within this model, SI, (k, k), without the differences between models."""
+        """Return the covariance within this model, SI, (k, k), with exact equations."""
         inflation = compute_variance_inflation(self.estimate.residual, self.noise.is_run_start)
         return self.estimate.compute_covariance(inflation) + np.multiply.outer(
             self.errors_in_variables_bias, self.errors_in_variables_bias
