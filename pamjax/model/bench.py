@@ -114,11 +114,8 @@ class Bench(eqx.Module):
 
     def prepare(self) -> Bench:
         """Return the same bench with the quantities that all states share computed."""
-        mechanisms = (
-            m.prepare(self.thread_length, self.turns) if isinstance(m, AbstractShape) else m
-            for m in self.mechanisms
-        )
-        return Bench(self.thread_length, self.turns, tuple(mechanisms))
+        mechanisms = tuple(m.prepare(self.thread_length, self.turns) for m in self.mechanisms)
+        return Bench(self.thread_length, self.turns, mechanisms)
 
     def compute_past(self, pressure: Samples, length: Samples, history: History) -> tuple[Past, Array]:
         """Return the states at true pressure (Pa) and length (m), both (n,), and their status."""

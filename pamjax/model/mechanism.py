@@ -88,13 +88,13 @@ class AbstractMechanism(eqx.Module):
     #: Whether its effect at a sample depends on pressure or length at other samples.
     mixes_samples: ClassVar[bool] = False
 
+    def prepare(self, thread_length: Scalar, turns: Scalar) -> AbstractMechanism:
+        """Return the mechanism for one braid, with the quantities that all its states share computed."""
+        return self
+
 
 class AbstractShape(AbstractMechanism):
     """A change of the geometry."""
-
-    def prepare(self, thread_length: Scalar, turns: Scalar) -> AbstractShape:
-        """Return the shape for one braid, with the quantities that all its states share computed."""
-        return self
 
     @abc.abstractmethod
     def shape(self, state: State) -> State:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -20,15 +21,19 @@ _MIN_OVERLAP = 1e-12
 class BraidLocking(AbstractStoredEnergy):
     """Threads press on each other where their spacing is less than their width, at either end of the stroke:
 
-        W = K V° ⟨1 − S/w⟩^(m+1) / (m + 1),   S = (B/N) sin 2θ,   sin θ = L/B
+        W = K V° ⟨1 − S/w⟩^(m+1) / (m + 1),   S = (b/N) sin 2θ,   sin θ = L/b,   b = B0 + s (B − B0)
 
         S   spacing      m    of neighbouring threads, times the number n of threads
         w   width        m    of one thread, times the number n of threads
         K   stiffness    Pa   of the jammed braid
         m   exponent     1    power of the overlap in the force
-        V°               m³   B³/(4πN²), so that K does not depend on the size of the muscle
+        s   stretch      1    share of the thread's stretch B − B0 that changes the spacing
+        V°               m³   b³/(4πN²), so that K does not depend on the size of the muscle
         ρ   rounding     1    share of the width over which contact begins: threads are not equally wide
         ⟨c⟩                   rounded positive part, [c + √(c² + ρ²)] / 2
+
+    With s = 0 the stretch only straightens filaments between crossings, and the force is the same at every
+    pressure. With s = 1 the crossings move apart with the stretch, and pressure opens the contact.
 
     S is largest at 45°, and equal at θ and 90° − θ. The force at a constant thread length is
     −K V° ⟨1 − S/w⟩^m 2 cos 2θ / (w N cos θ). It pulls where θ > 45° and pushes where θ < 45°.
@@ -45,7 +50,8 @@ class BraidLocking(AbstractStoredEnergy):
     id: ClassVar[str] = "braid_locking"
     about: ClassVar[Description] = Description(
         title="jamming of the threads at a stroke end",
-        equation="W = K/(m + 1) B^3/(4 pi N^2) <1 - S/w>^(m+1),   S = (B/N) sin(2 theta)",
+        equation="W = K/(m + 1) b^3/(4 pi N^2) <1 - S/w>^(m+1),   S = (b/N) sin(2 theta)\n"
+        "sin(theta) = L/b,   b = B0 + s (B - B0)",
         signature="An additional force acts only beyond a sharp limit at an end of the stroke. It is steep,"
         " and the same in newtons at every pressure. It pulls in the stretched muscle, and pushes near full"
         " contraction. The diameter is not affected.",
@@ -81,8 +87,21 @@ class BraidLocking(AbstractStoredEnergy):
         source="0.01 for equal round threads; more if their widths or spacings differ", default=0.01,
     )  # fmt: skip
 
+    stretch: Scalar = parameter(
+        "1", low=0.0, high=1.0, is_refinement=True,
+        about="share of the thread's stretch that changes the spacing",
+        source="0 if the stretch only straightens filaments; 1 for a solid thread", default=0.0,
+    )  # fmt: skip
+
+    unloaded_thread: Scalar | None = None
+
+    def prepare(self, thread_length: Scalar, turns: Scalar) -> BraidLocking:
+        return eqx.tree_at(lambda m: m.unloaded_thread, self, thread_length, is_leaf=lambda x: x is None)
+
     def energy(self, state: State) -> Array:
         length, thread, turns = state.length, state.thread, state.turns
+        if self.unloaded_thread is not None:
+            thread = self.unloaded_thread + self.stretch * (thread - self.unloaded_thread)
         squared = braid.radius_squared(length, thread, turns)
         is_valid = squared > 0
         circumference = 2 * jnp.pi * turns * jnp.sqrt(jnp.where(is_valid, squared, 1.0))

@@ -9,9 +9,10 @@ import pytest
 
 from pamjax.model.bench import record_bench
 from pamjax.model.history import build_time_history
+from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.mechanisms.braid_locking import BraidLocking
 from pamjax.model.state import Cylinder
-from tests.agreement import ROUNDING, agree, printed
+from tests.agreement import ROUNDING, SOLVED, agree, printed
 from tests.model.mechanisms import triangle
 from tests.model.mechanisms.typical import LENGTH, THREAD, TURNS, bench
 
@@ -86,6 +87,29 @@ def test_exponent_changes_the_power_of_the_overlap(exponent, share):
     rounded = 0.5 * (0.2 + np.sqrt(0.04 + 1e-4))
     energy = BraidLocking(0.2e6, 0.24, exponent).energy(triangle.state(0.2))
     agree(energy, share * 0.2e6 * 0.25**3 / (4 * np.pi * 1.25**2) * rounded ** (exponent + 1), ROUNDING)
+
+
+def test_stretch_of_the_threads_changes_the_spacing():
+    """Threads of 0.25 m, stretched to 0.26 m: the energy is that of the unstretched length, or of a share."""
+    stretched = triangle.state(0.2, 0.26)
+    prepared = BraidLocking(0.2e6, 0.24).prepare(jnp.asarray(0.25), jnp.asarray(1.25))
+    agree(prepared.energy(stretched), BraidLocking(0.2e6, 0.24).energy(triangle.state(0.2)), ROUNDING)
+    half = BraidLocking(0.2e6, 0.24, stretch=0.5).prepare(jnp.asarray(0.25), jnp.asarray(1.25))
+    agree(half.energy(stretched), BraidLocking(0.2e6, 0.24).energy(triangle.state(0.2, 0.255)), ROUNDING)
+    # Negative control: the stretch opens the contact.
+    assert BraidLocking(0.2e6, 0.24).energy(stretched) < 0.9 * prepared.energy(stretched)
+
+
+def test_force_is_the_same_at_every_pressure_unless_the_stretch_opens_the_contact():
+    def compute_force(stretch, pressure):
+        level, threads = np.full(ANGLE.size, pressure), BraidElasticity(2e-6)
+        jammed = record_bench(
+            bench(BraidLocking(3e5, N * 1.4e-3, stretch=stretch), threads), level, AT, STILL
+        )
+        return np.asarray(jammed.force - record_bench(bench(threads), level, AT, STILL).force)
+
+    agree(compute_force(0.0, 1e5), compute_force(0.0, 5e5), SOLVED, 1e3)
+    assert np.max(compute_force(1.0, 1e5) - compute_force(1.0, 5e5)) > 1.0
 
 
 def test_force_grows_with_a_power_of_the_overlap():

@@ -23,10 +23,10 @@ THREAD, TURNS = 0.25, 1.25
 compiled = eqx.filter_jit(lambda function, *at: function(*at))
 
 
-def state(length):
-    """Return the cylinder at one or several lengths (m)."""
+def state(length, thread=THREAD):
+    """Return the cylinder at one or several lengths (m), of threads of one length (m)."""
     length = jnp.asarray(length, float)
-    return Cylinder()(length, jnp.full_like(length, THREAD), jnp.full_like(length, TURNS))
+    return Cylinder()(length, jnp.full_like(length, thread), jnp.full_like(length, TURNS))
 
 
 def tube(length, radius):
