@@ -50,7 +50,7 @@ def decode_text(raw: bytes, file: str) -> str:
     if raw[:2] == b"PK":
         got, remedy = (
             "a spreadsheet or an archive",
-            "Import it with `pamjax import`, or export the sheet as CSV.",
+            "Export the sheet as CSV, or name it in the TOML file of `pamjax import`.",
         )
         raise BadInput.from_rule(f"{file} must be plain text", got, remedy=remedy)
     if b"\0" in raw[:4096]:

@@ -9,7 +9,7 @@ from pamjax.cli.screen import print_json, print_text
 
 
 def import_(rig: Path, /, *, out: Path, json: Json = False) -> None:
-    """Make a case folder from the CSV or MAT files of a test rig, one file for each test or channel.
+    """Make a case folder from the CSV, XLSX or MAT files of a test rig, one file for each test or channel.
 
     Args:
         rig: TOML file that describes the files. It has the columns and their units, the muscle length in each

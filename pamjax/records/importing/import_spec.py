@@ -62,8 +62,17 @@ class FilesTable(_ImportTable):
         return self
 
 
+#: Columns from which the length is computed with the rest length, with their kinds of quantity.
+LENGTH_SOURCES = {"contraction": "contraction", "shortening": "length"}
+
+#: Kind of quantity of each column of [columns].
+_KINDS = COLUMN_KINDS | LENGTH_SOURCES
+
 #: Unit of each kind of channel, for the messages.
-_EXAMPLE_UNITS = {"force": "N", "pressure": "kPa", "length": "mm", "time": "s"}
+_EXAMPLE_UNITS = {"force": "N", "pressure": "kPa", "length": "mm", "time": "s", "contraction": "%"}
+
+#: Value of the units of a contraction.
+_CONTRACTION_UNITS = {"%": 0.01, "1": 1.0}
 
 
 def _check_scale(scale: float) -> float:
@@ -91,11 +100,17 @@ class ChannelEntry(_ImportTable):
     def to_si(self, name: str, where: str) -> float:
         """Return the SI value of one unit of the file."""
         unit = self.unit or (split_title(self.column)[1] if isinstance(self.column, str) else None) or ""
-        if not unit and COLUMN_KINDS[name] != "count":
+        kind = _KINDS[name]
+        if not unit and kind != "count":
             rule = f"`{name}` needs a unit"
-            example = f'{{column = "{self.column}", unit = "{_EXAMPLE_UNITS[COLUMN_KINDS[name]]}"}}'
+            example = f'{{column = "{self.column}", unit = "{_EXAMPLE_UNITS[kind]}"}}'
             raise BadInput.from_rule(rule, "none", where, f"Write, for example, {name} = {example}.")
-        return self.scale * parse_unit(unit, COLUMN_KINDS[name], where)
+        if kind != "contraction":
+            return self.scale * parse_unit(unit, kind, where)
+        if unit not in _CONTRACTION_UNITS:
+            remedy = "Use `%` or `1`; for a distance, use `shortening` or `length`."
+            raise BadInput.from_rule("a contraction is a ratio", f"{unit!r}", where, remedy)
+        return self.scale * _CONTRACTION_UNITS[unit]
 
 
 def _wrap_column(raw: object) -> object:
@@ -169,10 +184,14 @@ class ImportSpec(_ImportTable):
     @model_validator(mode="after")
     def _check_columns(self) -> ImportSpec:
         for name in self.columns:
-            if name not in COLUMN_KINDS:
+            if name not in _KINDS:
                 raise BadInput.from_rule(
-                    f"unknown channel `{name}`", "", "[columns]", suggest_word(name, COLUMN_KINDS)
+                    f"unknown channel `{name}`", "", "[columns]", suggest_word(name, _KINDS)
                 )
+        lengths = [name for name in ("length", *LENGTH_SOURCES) if name in self.columns]
+        if len(lengths) > 1:
+            got = " and ".join(f"`{name}`" for name in lengths)
+            raise BadInput.from_rule("the length must have one column", got, "[columns]", "Remove one.")
         for k, test in enumerate(self.tests, 1):
             _check_test(self, test, k)
         return self
@@ -181,7 +200,8 @@ class ImportSpec(_ImportTable):
 def _check_test(spec: ImportSpec, test: TestTable, k: int) -> None:
     where = f"test {k} of [[tests]]"
     for name in ("pressure", "length"):
-        sources = bool(getattr(test, name)), name in spec.columns
+        columns = {name, *LENGTH_SOURCES} if name == "length" else {name}
+        sources = bool(getattr(test, name)), bool(columns & set(spec.columns))
         if all(sources):
             raise BadInput.from_rule(
                 f"`{name}` must be a column or stated for the test", "both", where, "Remove one."

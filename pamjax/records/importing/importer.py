@@ -17,7 +17,7 @@ from pamjax.errors import BadInput
 from pamjax.notebook import NotebookText
 from pamjax.records.case import Case, read_case
 from pamjax.records.files import decode_text, read_bytes
-from pamjax.records.importing.import_spec import ImportSpec, TestTable, read_import_spec
+from pamjax.records.importing.import_spec import LENGTH_SOURCES, ImportSpec, TestTable, read_import_spec
 from pamjax.records.importing.rig_file import RigFile
 from pamjax.records.reading.header import COLUMN_KINDS
 from pamjax.records.reading.muscle_toml import read_muscle_toml
@@ -30,7 +30,7 @@ _FILE_SEPARATOR = " + "
 #: Longest time between two tests, s: ten years.
 _MAX_GAP = 3.2e8
 #: Order in which channels are read; the file of the first one determines the time of a test.
-_CHANNEL_ORDER = ("force", "pressure", "length", "diameter", "cycle")
+_CHANNEL_ORDER = ("force", "pressure", "length", *LENGTH_SOURCES, "diameter", "cycle")
 
 
 @dataclass(frozen=True, repr=False)
@@ -99,9 +99,11 @@ def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
         raise BadInput.from_rule("`muscle` must be the path of a muscle.toml", spec.muscle, rig.name, remedy)
     _check_inside(base_folder / spec.muscle, base_folder, spec.muscle, rig.name)
     muscle = read_bytes(base_folder / spec.muscle)
-    read_muscle_toml(muscle, Path(spec.muscle).name)
+    rest_length = read_muscle_toml(muscle, Path(spec.muscle).name).rest_length.value
     tests = [(files, test) for test in spec.tests for files in _find_files(test, base_folder)]
-    pieces, tare_readings = zip(*(_read_test(spec, files, test) for files, test in tests), strict=True)
+    pieces, tare_readings = zip(
+        *(_read_test(spec, files, test, rest_length) for files, test in tests), strict=True
+    )
     recording = _join_tests(pieces, spec)
     text = decode_text(muscle, Path(spec.muscle).name)
     # An invalid case is not written: read it first in a temporary folder.
@@ -173,9 +175,16 @@ def _build_sort_key(text: str) -> list:
 
 
 def _read_test(
-    spec: ImportSpec, paths: dict[str, Path], test: TestTable
+    spec: ImportSpec, paths: dict[str, Path], test: TestTable, rest_length: float
 ) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-    """Return the channels of one test, SI, tared, with time from 0; and the tare readings."""
+    """Return the channels of one test, SI, tared, with time from 0; and the tare readings.
+
+    Args:
+        spec: the import specification.
+        paths: file of each channel.
+        test: the test.
+        rest_length: rest length of the muscle, m.
+    """
     rig_files = {channel: RigFile(path, spec.files) for channel, path in paths.items()}
     columns: dict[str, np.ndarray] = {}
     clock: np.ndarray | None = None
@@ -193,6 +202,10 @@ def _read_test(
             # Outside the time of its own file, a channel was not measured.
             values = np.interp(clock, time, values, left=np.nan, right=np.nan)
         columns[name] = values
+    if "contraction" in columns:
+        columns["length"] = rest_length * (1 - columns.pop("contraction"))
+    if "shortening" in columns:
+        columns["length"] = rest_length - columns.pop("shortening")
     n = len(next(iter(columns.values())))
     for name in ("pressure", "length"):
         if text := getattr(test, name):

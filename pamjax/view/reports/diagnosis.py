@@ -36,6 +36,7 @@ from pamjax.view.reports.diagnosis_answer import (
     list_answers,
     list_held_out_bars,
 )
+from pamjax.view.reports.model_uses import list_model_uses
 from pamjax.view.reports.page import Picture, build_picture, write_page
 from pamjax.view.wording import format_history, format_noise, format_signed
 
@@ -93,6 +94,7 @@ def write_diagnosis_report(
             for n, v in get_baseline_estimates(diagnosis).items()
         ],
         notes=diagnosis.notes,
+        model_uses=list_model_uses(diagnosis),
         assumptions=list(_list_assumptions(diagnosis)),
         settings=list(_list_settings(diagnosis)),
         changed_settings=_format_changed_settings(diagnosis),

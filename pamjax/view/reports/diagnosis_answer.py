@@ -11,6 +11,7 @@ from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.diagnosis.summary import format_named_estimate
 from pamjax.model.registry import find_mechanism
 from pamjax.text import join_words
+from pamjax.view.reports.model_uses import list_model_uses
 from pamjax.view.wording import keep_units_with_numbers
 
 #: A p-value below this limit is shown as an upper bound.
@@ -57,9 +58,18 @@ def format_headline(diagnosis: Diagnosis) -> str:
         return "The baseline has a misfit that is too small to identify its cause"
     if not diagnosis.named_mechanisms:
         return "The baseline has a misfit that no mechanism of the library explains"
-    titles = join_words([find_mechanism(m.id).about.title for m in diagnosis.named_mechanisms])
+    titles = join_words([_name_with_ties(mechanism) for mechanism in diagnosis.named_mechanisms])
     addition = "; part of the misfit is unexplained" if diagnosis.unexplained else ""
     return f"Missing from the baseline: {titles}{addition}"
+
+
+def _name_with_ties(mechanism: NamedMechanism) -> str:
+    """Return the title of a mechanism, with the one, or the number of those, that cannot be distinguished."""
+    title, ties = find_mechanism(mechanism.id).about.title, mechanism.indistinguishable
+    if not ties:
+        return title
+    others = find_mechanism(ties[0]).about.title if len(ties) == 1 else f"one of {len(ties)} other mechanisms"
+    return f"{title} (or {others})"
 
 
 def list_answers(diagnosis: Diagnosis, comparison: ModelComparison | None = None) -> list[Answer]:
@@ -70,7 +80,7 @@ def list_answers(diagnosis: Diagnosis, comparison: ModelComparison | None = None
         comparison: held-out errors of an empirical formula, if computed.
     """
     answers = [
-        Answer("Missing", _describe_missing(diagnosis)),
+        Answer("Missing" if diagnosis.is_detected else "Result", _describe_missing(diagnosis)),
         Answer("How sure", _describe_certainty(diagnosis)),
         Answer("Where", _describe_location(diagnosis)),
         Answer(
@@ -108,8 +118,12 @@ def _describe_certainty(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return the probability of each mechanism, its rivals, and the test of the baseline."""
     test = f"global test of the baseline: {format_p_value(diagnosis.mismatch.p_value)}"
     if not diagnosis.is_detected:
-        limit = f"pamjax reports a misfit below p\u00a0=\u00a0{diagnosis.settings.detection_p_value:g}"
-        return (f"{test[0].upper()}{test[1:]}; {limit}.",)
+        limit = diagnosis.settings.detection_p_value
+        return (
+            f"{test[0].upper()}{test[1:]}.",
+            f"pamjax reports a misfit only below p\u00a0=\u00a0{limit:g}."
+            f" Noise alone is below this limit in {100 * limit:g} % of recordings.",
+        )
     mechanisms = diagnosis.named_mechanisms
     sentences = [_describe_probability(mechanism, len(mechanisms) > 1) for mechanism in mechanisms]
     return (*sentences, f"The misfit is beyond the noise ({test}).")
@@ -185,7 +199,6 @@ def list_held_out_bars(diagnosis: Diagnosis, comparison: ModelComparison | None 
 
 def _describe_next_step(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return the most useful next step."""
-    validate = "Test the model on another recording: `pamjax validate model.json OTHER`."
     if diagnosis.experiments:
         experiment = diagnosis.experiments[0]
         separates = join_words([f"`{id}`" for id in experiment.separates])
@@ -202,7 +215,7 @@ def _describe_next_step(diagnosis: Diagnosis) -> tuple[str, ...]:
         return ("Use the baseline, or record more cycles: a longer recording can identify a smaller effect.",)
     if diagnosis.named_mechanisms and not diagnosis.held_out_errors.baseline_rmse:
         return ("Record at least three pressures, so that a block can be held out.",)
-    return (validate,)
+    return tuple(f"{use}: `{command}`." for use, command in list_model_uses(diagnosis)[:1])
 
 
 def format_p_value(p: float) -> str:

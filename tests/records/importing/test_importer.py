@@ -383,3 +383,46 @@ def test_import_command(hose, capsys):
     assert f"next: pamjax check {hose / 'case'}" in output
     assert main(["import", str(hose / HOSE.name), "--out", str(hose / "case")]) == 2
     assert "needs an empty folder" in capsys.readouterr().err
+
+
+def write_lengths(folder, columns, header, rows):
+    """Write a muscle, a file with rows, and their import file; return the latter's path."""
+    (folder / "muscle.toml").write_text(MUSCLE)
+    np.savetxt(folder / "log.csv", rows, delimiter=",", header=header, comments="")
+    text = f'muscle = "muscle.toml"\ntests = [{{file = "log.csv"}}]\n[columns]\n{columns}\n'
+    (folder / "import.toml").write_text(f'{text}pressure = "p [kPa]"\nforce = "F [N]"\n')
+    return folder / "import.toml"
+
+
+ROWS = np.array([[0.0, 100.0, 50.0], [10.0, 200.0, 60.0], [25.0, 300.0, 40.0]])
+
+
+@pytest.mark.parametrize(
+    ("column", "header", "length"),
+    [
+        ('contraction = "Contraction (%)"', "Contraction (%)", [132.0, 118.8, 99.0]),
+        ('contraction = {column = "x", unit = "1", scale = 0.01}', "x", [132.0, 118.8, 99.0]),
+        ('shortening = "s [mm]"', "s [mm]", [132.0, 122.0, 107.0]),
+        ('shortening = {column = "s [mm]", zero = 10.0}', "s [mm]", [142.0, 132.0, 117.0]),
+    ],
+)
+def test_length_follows_from_contraction_or_shortening(tmp_path, column, header, length):
+    rig = write_lengths(tmp_path, column, f"{header},p [kPa],F [N]", ROWS)
+    recording = import_case(rig, tmp_path / "case").case.recording
+    assert 1e3 * recording.length == pytest.approx(length, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ('contraction = {column = "x", unit = "mm"}', "a contraction is a ratio"),
+        ('contraction = "x"', "`contraction` needs a unit"),
+        ('shortening = {column = "x", unit = "%"}', "unknown unit '%'"),
+        ('length = "x [mm]"\nshortening = "x [mm]"', "the length must have one column"),
+    ],
+)
+def test_bad_columns_of_the_length_are_named(tmp_path, columns, message):
+    rig = write_lengths(tmp_path, columns, "x,p [kPa],F [N]", ROWS)
+    with pytest.raises(BadInput, match=message):
+        import_case(rig, tmp_path / "case")
+    assert not (tmp_path / "case").exists()

@@ -327,7 +327,7 @@ SAVE = "Save it with commas between cells and with decimal points, or use `pamja
         (
             b"PK\x03\x04\x00",
             "recording.csv must be plain text; got a spreadsheet or an archive."
-            " Import it with `pamjax import`, or export the sheet as CSV.",
+            " Export the sheet as CSV, or name it in the TOML file of `pamjax import`.",
         ),
         (b"a\x00", "recording.csv must be plain text; got a binary file. Save it as UTF-8 text."),
     ],

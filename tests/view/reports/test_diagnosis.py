@@ -240,7 +240,8 @@ def test_a_formula_with_a_smaller_error_is_on_the_first_screen(share, is_shown):
             {"detected": False},
             "The baseline has no misfit beyond the noise",
             "How sure",
-            "Global test of the baseline: p = 0.43; pamjax reports a misfit below p = 0.01.",
+            "Global test of the baseline: p = 0.43. pamjax reports a misfit only below p = 0.01."
+            " Noise alone is below this limit in 1 % of recordings.",
         ),
         (
             {"named": False, "unexplained": True},
@@ -262,7 +263,8 @@ def test_a_formula_with_a_smaller_error_is_on_the_first_screen(share, is_shown):
         ),
         (
             {"ties": ("channel_lag",), "experiments": (planned(),)},
-            "Missing from the baseline: friction between braid threads",
+            "Missing from the baseline: friction between braid threads"
+            " (or time delay between force and the other channels)",
             "Next",
             "Run this: stroke at 1 and at 50 mm/s. It separates",
         ),

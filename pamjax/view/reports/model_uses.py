@@ -1,0 +1,32 @@
+"""Commands that use the model of a diagnosis, with numbers of its recording."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pamjax.diagnosis.result import Diagnosis
+from pamjax.records.recording import Recording
+
+
+def list_model_uses(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """Return uses of `model.json`, each with its command."""
+    recording = diagnosis.problem.case.recording
+    simulate = ("Simulate a protocol", "pamjax simulate model.json PROTOCOL.toml --out simulated")
+    if recording.measures_length:
+        return [simulate]
+    force, length = _choose_state(recording)
+    command = f'pamjax inverse model.json --force "{force:.3g} N" --length "{1e3 * length:.4g} mm"'
+    return [
+        ("Test the model on another recording", "pamjax validate model.json OTHER"),
+        ("Compute the pressure for a force at a length", command),
+        simulate,
+    ]
+
+
+def _choose_state(recording: Recording) -> tuple[float, float]:
+    """Return force (N) and length (m) of the row closest to half of the largest force."""
+    force = np.where(np.isfinite(recording.force), recording.force, np.inf)
+    if not np.isfinite(force).any():
+        return 0.0, float(np.nanmedian(recording.length))
+    row = int(np.argmin(np.abs(force - 0.5 * np.max(force[np.isfinite(force)]))))
+    return float(force[row]), float(recording.length[row])
