@@ -42,6 +42,7 @@ def build_model_document(
         "cases": {
             case.name: {
                 "checksum": case.checksum,
+                "recording_checksum": case.recording_checksum,
                 "calibrated": ranges,
                 "memory": {"gaps": case.gaps, "before": case.before},
                 "muscle": {"law": law, "mechanisms": ids, "numbers": numbers},

@@ -131,12 +131,16 @@ class Validation(NotebookText):
 
 
 def read_training_checksums(file: Path) -> frozenset[str]:
-    """Return the checksums of the recordings that a fit.json or model.json was fitted to, if stated."""
+    """Return the checksums of the cases, and of their recordings, that a model was fitted to, if stated."""
     if file.suffix != ".json":
         return frozenset()
     cases = json.loads(read_bytes(file)).get("cases", {})
     return frozenset(
-        case["checksum"] for case in cases.values() if isinstance(case, dict) and case.get("checksum")
+        case[key]
+        for case in cases.values()
+        if isinstance(case, dict)
+        for key in ("checksum", "recording_checksum")
+        if case.get(key)
     )
 
 
@@ -148,7 +152,7 @@ def validate(
     Args:
         model: a fit.json or a model.json, or the result of `load_muscle` for it.
         case: the recording, or its folder.
-        training_checksums: checksums of the recordings that the model was fitted to. The recordings that the
+        training_checksums: checksums of the cases or recordings that the model was fitted to. Those that the
             file of the model states are always included.
 
     Returns:
@@ -207,7 +211,8 @@ def validate(
         extrapolations=tuple(
             _describe_extrapolation(model.calibrated_range, pressure[usable], length[usable])
         ),
-        is_training_recording=case.checksum in training_checksums
+        # The same recording with another muscle.toml is no new recording.
+        is_training_recording=not {case.checksum, case.recording_checksum}.isdisjoint(training_checksums)
         or (bool(model.calibrated_range) and case.checksum == model.checksum),
         form_errors=tuple(model.form_errors.forms) if model.form_errors else (),
         model_sd={c: compute_rms(v) for c, v in model_sd.items()} if model.form_errors else {},

@@ -39,6 +39,7 @@ class Case(NotebookText):
         muscle_toml: contents of muscle.toml, SI.
         recording: contents of recording.csv, SI.
         checksum: SHA-256 of the bytes of recording.csv followed by muscle.toml.
+        recording_checksum: SHA-256 of the bytes of recording.csv; "" for a recording without a file.
         warnings: warnings for the user, one sentence each; the caller shows them.
         gaps: memory at a jump of the recording: one of `_GAP_CHOICES`.
         before: load history before the first sample: one of `_BEFORE_CHOICES`.
@@ -54,6 +55,7 @@ class Case(NotebookText):
     gaps: str = "carry"
     before: str = "relaxed"
     text: str = field(default="", repr=False)
+    recording_checksum: str = ""
 
     def __str__(self) -> str:
         recording = self.recording
@@ -179,6 +181,7 @@ def build_case(
         gaps=gaps,
         before=before,
         text=decode_text(toml_bytes, MUSCLE_FILE),
+        recording_checksum=_compute_checksum(csv_bytes),
     )
 
 

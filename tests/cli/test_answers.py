@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -228,6 +229,14 @@ def test_validate_detects_a_recording_of_the_fit(fitted, bench, tmp_path, capsys
     output = capsys.readouterr().out
     assert "made: the model was fitted to this recording, so this is no validation\n" in output
     assert "again: the model was not fitted to this recording\n" in output
+
+
+def test_validate_detects_a_recording_with_another_muscle_file(fitted, bench, tmp_path, capsys):
+    shutil.copytree(bench / "made", tmp_path / "edited")
+    with (tmp_path / "edited" / "muscle.toml").open("a") as file:
+        file.write("\n# another comment\n")
+    assert main(["validate", str(fitted / "fit.json"), str(tmp_path / "edited"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["seen"]
 
 
 def test_validate_detects_every_recording_of_a_joint_fit(fitted, bench, tmp_path, capsys):

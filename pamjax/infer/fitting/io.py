@@ -60,6 +60,7 @@ def _build_case_entry(case_fit: CaseFit, law: str, mechanisms: tuple[str, ...]) 
     recording = case_fit.case.recording
     return {
         "checksum": case_fit.case.checksum,
+        "recording_checksum": case_fit.case.recording_checksum,
         "rows": int(recording.n),
         "rmse": {c: _build_quantity_entry(c, v) for c, v in case_fit.rmse.items()},
         "noise": {

@@ -121,8 +121,15 @@ def _plot_scores(panel: Panel, diagnosis: Diagnosis, channel: str, block_names: 
 
 
 def plot_candidates(diagnosis: Diagnosis, mechanism: NamedMechanism, narrow: bool = False) -> Figure:
-    """Return the increase of χ² if another mechanism, or none, replaces an identified mechanism."""
-    rivals = sorted(mechanism.rival_bic_increase.items(), key=lambda pair: pair[1])[:_MAX_RIVALS]
+    """Return the increase of χ² if another mechanism, or none, replaces an identified mechanism.
+
+    Rivals that fit worse than no mechanism are not shown: their amplitude is zero at best.
+    """
+    rivals = [
+        (id, increase)
+        for id, increase in sorted(mechanism.rival_bic_increase.items(), key=lambda pair: pair[1])
+        if increase < mechanism.chi2_increase
+    ][:_MAX_RIVALS]
     labels = [*(id for id, _ in rivals), "no mechanism"]
     increases = np.array([*(increase for _, increase in rivals), mechanism.chi2_increase])
     settings = diagnosis.settings
