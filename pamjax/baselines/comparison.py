@@ -134,6 +134,8 @@ class ModelComparison:
                     lines.append(
                         f"  {_format_split(split)}, {channel}: {', '.join(scores)} {DISPLAY_UNIT[channel]}"
                     )
+        remarks = {(MODEL_TITLES[m], text): None for s in self.splits for m, text in s.remarks.items()}
+        lines += [f"  * {title}: {text}" for title, text in remarks]
         if self.better_formula_rmse is not None:
             lines.append("  Sárosi's formula has the smaller error on held-out rows: interpolate with it")
         return "\n".join(lines)

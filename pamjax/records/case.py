@@ -101,6 +101,12 @@ def read_case(folder: str | Path, *, gaps: str = "carry", before: str = "relaxed
             f"{folder}, which is not a folder",
             remedy=remedy,
         )
+    for file in (MUSCLE_FILE, RECORDING_FILE):
+        if not (folder / file).exists():
+            remedy = "Copy the one that `pamjax new` writes, and replace its values."
+            raise BadInput.from_rule(
+                f"a case must have {MUSCLE_FILE} and {RECORDING_FILE}", f"no {file}", f"{folder}", remedy
+            )
     toml_bytes, csv_bytes = read_bytes(folder / MUSCLE_FILE), read_bytes(folder / RECORDING_FILE)
     return build_case(toml_bytes, csv_bytes, folder, gaps, before)
 

@@ -71,7 +71,10 @@ def test_missing_folder_is_refused(tmp_path):
 def test_missing_file_is_refused(folder, name):
     path = folder()
     (path / name).unlink()
-    assert read_error(path) == f"the file {path / name} does not exist. Check the path."
+    assert read_error(path) == (
+        f"a case must have muscle.toml and recording.csv; got no {name} in {path}."
+        " Copy the one that `pamjax new` writes, and replace its values."
+    )
 
 
 @pytest.mark.parametrize(

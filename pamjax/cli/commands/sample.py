@@ -18,6 +18,9 @@ from pamjax.cli.screen import (
     show_progress,
 )
 
+#: Share of the progress bar for the sampling itself. The rest is for profiles, figures and the report.
+_SAMPLING_SHARE = 0.8
+
 
 def sample(
     cases: list[Path],
@@ -68,6 +71,10 @@ def sample(
     stated_priors = read_priors(priors) if priors else {}
     keep_compiled()
     with show_progress(quiet=json) as progress:
+
+        def report_sampling(step: str, fraction: float) -> None:
+            progress(step, _SAMPLING_SHARE * fraction)
+
         post = draw_posterior(
             parsed_cases,
             *model.fit_arguments,
@@ -79,20 +86,21 @@ def sample(
             max_draws=max_draws,
             seed=seed,
             checkpoint=out / "chain",
-            progress=progress,
+            progress=report_sampling,
         )
-        progress("profiles", 1.0)
+        progress("computing profiles", _SAMPLING_SHARE)
         _ = post.verdicts
-    with write_results_together(out) as folder:
-        paths = save_posterior(post, folder)
-        if figures:
-            from pamjax.view.figures.posterior import save_posterior_figures
+        progress("writing results", 0.9)
+        with write_results_together(out) as folder:
+            paths = save_posterior(post, folder)
+            if figures:
+                from pamjax.view.figures.posterior import save_posterior_figures
 
-            paths += save_posterior_figures(post, folder)
-        if report:
-            from pamjax.view.reports.posterior import write_posterior_report
+                paths += save_posterior_figures(post, folder)
+            if report:
+                from pamjax.view.reports.posterior import write_posterior_report
 
-            paths.append(write_posterior_report(post, folder / REPORT_FILE, format_command()))
+                paths.append(write_posterior_report(post, folder / REPORT_FILE, format_command()))
     if figures:
         from pamjax.view.figures.posterior import remove_stale_figures
 

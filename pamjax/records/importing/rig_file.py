@@ -112,6 +112,8 @@ def _suggest_format(cell: str) -> str:
 
 def _read_csv(text: str, file_format: FilesTable, file: str) -> dict[str, Any]:
     lines = split_lines(text)
+    if not lines:
+        raise BadInput.from_rule(f"{file} must have rows", "an empty file", remedy="Check the path.")
     if file_format.skip >= len(lines):
         rule = f"`skip` must be less than the number of lines of {file} ({len(lines)})"
         raise BadInput.from_rule(rule, f"{file_format.skip}", "[files]", "Count the lines above the header.")

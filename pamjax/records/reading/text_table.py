@@ -106,7 +106,7 @@ def _check_width(header: list[str], line: int, row: list[str], file: str) -> lis
         return row
     if len(row) > len(header) and not "".join(row[len(header) :]).strip():
         return row[: len(header)]
-    surplus_remedy = "Replace decimal commas by points: 0.5, not 0,5."
+    surplus_remedy = "Write 0.5 instead of 0,5, or import the file with `pamjax import`."
     remedy = surplus_remedy if len(row) > len(header) else "Write a comma also for a blank cell."
     got = f"{len(row)} cells"
     raise BadInput.from_rule(

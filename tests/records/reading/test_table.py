@@ -164,7 +164,7 @@ BLANK = "Leave the cell blank if it was not measured."
         (
             ROWS + "3,100,200,400,20,1,7\n",
             "each row must have as many cells as the header (6); got 7 cells in "
-            "row 5 of recording.csv. Replace decimal commas by points: 0.5, not 0,5.",
+            "row 5 of recording.csv. Write 0.5 instead of 0,5, or import the file with `pamjax import`.",
         ),
         (
             ROWS + "3,100,200\n",
