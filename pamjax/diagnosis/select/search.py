@@ -31,6 +31,7 @@ from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.refit.model_fit import ModelFit, build_corrected_fit, fit_model
+from pamjax.diagnosis.select.mechanism_forms import choose_forms
 from pamjax.diagnosis.select.neighbour_fits import (
     compute_rough_limit,
     fit_replacements,
@@ -240,6 +241,7 @@ def _add_candidates(
         best = best or fit_best_candidate(search, form_error_fit, directions)
         if best is None or not search.is_worthwhile(form_error_fit, best, may_be_small):
             return fit, best
+        best = choose_forms(search.problem, search.refit(best), search.candidates)
         fit, directions, best = _swap_mechanisms(search, search.refit(best)), None, None
     return fit, None
 

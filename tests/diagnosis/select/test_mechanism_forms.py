@@ -1,0 +1,46 @@
+"""Choice between the forms of a mechanism, on simulated drifts of the load cell."""
+
+import numpy as np
+import pytest
+
+from pamjax.diagnosis.library.library_problem import build_library_problem
+from pamjax.diagnosis.refit.model_fit import ModelFit
+from pamjax.diagnosis.select.mechanism_forms import choose_forms
+from pamjax.diagnosis.select.neighbour_fits import fit_with_candidate, refit_fully
+from tests.diagnosis.bank import BankRecording, replace_recording, simulate_bank
+from tests.diagnosis.searches import build_search
+
+pytestmark = pytest.mark.slow
+
+STRAIGHT = {"force_drift.rate"}
+
+
+def fit_drift(drift):
+    """Return a search in a recording with a drift (N) over relative time, and the fit of a straight drift."""
+    case = simulate_bank(BankRecording(1, only="force_offset", smallest=0.01, largest=0.01)).case
+    time = case.recording.time
+    relative_time = (time - time[0]) / np.ptp(time)
+    case = replace_recording(case, force=case.recording.force + drift(relative_time))
+    search = build_search(build_library_problem(case))
+    (direction,) = (
+        d for d in search.score_candidates(search.baseline) if set(d.candidate.free_parameters) == STRAIGHT
+    )
+    rough_fit = fit_with_candidate(search.problem, search.baseline, direction)
+    return search, refit_fully(search.problem, [rough_fit])[0]
+
+
+def get_form(fit: ModelFit) -> set[str]:
+    return set(fit.mechanisms[-1].free_parameters)
+
+
+def test_another_form_of_the_same_mechanism_replaces_a_worse_one():
+    search, straight = fit_drift(lambda t: 60 * (1 - np.exp(-t / 0.1)))
+    chosen = choose_forms(search.problem, straight, search.candidates)
+    assert chosen.ids == ("force_drift",)
+    assert "force_drift.warmup" in get_form(chosen)
+    assert chosen.bic < straight.bic - 1000
+
+
+def test_the_form_with_fewer_parameters_stays_if_it_fits_as_well():
+    search, straight = fit_drift(lambda t: 60 * t)
+    assert get_form(choose_forms(search.problem, straight, search.candidates)) == STRAIGHT
