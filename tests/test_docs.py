@@ -105,6 +105,7 @@ def test_every_entry_of_a_file_is_documented():
 
 def test_table_of_import_entries_is_complete():
     from pamjax.records.importing.import_spec import (
+        LENGTH_SOURCES,
         ChannelEntry,
         FilesTable,
         ImportSpec,
@@ -119,7 +120,7 @@ def test_table_of_import_entries_is_complete():
         entry for cell in re.findall(r"^\| (.*?) \|", section, re.M) for entry in re.findall("`(.*?)`", cell)
     }
     tables = {"[files]": FilesTable, "[tare]": TareTable, "[[tests]]": TestTable}
-    words = {*COLUMN_KINDS, *ChannelEntry.model_fields, *tables, "[columns]"}
+    words = {*COLUMN_KINDS, *LENGTH_SOURCES, *ChannelEntry.model_fields, *tables, "[columns]"}
     words |= {name for table in tables.values() for name in table.model_fields}
     words |= set(ImportSpec.model_fields) - {"files", "columns", "tare", "tests"}
     assert shown == words
