@@ -20,7 +20,7 @@ from pamjax.cli.screen import (
 )
 
 if TYPE_CHECKING:
-    from pamjax.records.case import Case
+    from pamjax.infer.fitting.result import Fit
 
 #: Figure of the priors, which a fit without priors does not have.
 _PRIOR_FIGURE = "prior.png"
@@ -97,14 +97,22 @@ def fit(
     else:
         print_text(str(result))
         print_text(f"results: {out / REPORT_FILE if report else out / 'fit.json'}")
-        print_text(f"next: pamjax {_suggest_command(parsed_cases, cases, model.with_ or [])}")
+        print_text(f"next: pamjax {_suggest_command(result, cases)}")
     print_written_files(paths)
 
 
-def _suggest_command(parsed_cases: list[Case], folders: list[Path], mechanisms: list[str]) -> str:
-    """Return the next command: a fit with rubber, if all cases state a rubber tube that the model lacks."""
+def _suggest_command(result: Fit, folders: list[Path]) -> str:
+    """Return the next command: a fit with rubber if the model misfits without the stated tubes."""
+    from pamjax.infer.fitting.report import exceeds_noise
     from pamjax.records.reading.muscle_toml import describe_unused_bladder
 
     paths = shlex.join(map(str, folders))
-    lacks_rubber = all(describe_unused_bladder(case.muscle_toml, mechanisms) for case in parsed_cases)
+    has_misfit = any(
+        exceeds_noise(noise) or not noise.is_known
+        for case_fit in result.cases
+        for noise in case_fit.noise.values()
+    )
+    lacks_rubber = has_misfit and all(
+        describe_unused_bladder(case_fit.case.muscle_toml, result.mechanisms) for case_fit in result.cases
+    )
     return f"fit {paths} --with bladder_elasticity" if lacks_rubber else f"diagnose {paths}"

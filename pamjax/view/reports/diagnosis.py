@@ -85,6 +85,11 @@ def write_diagnosis_report(
         shift_figure=_draw_picture(partial(figures.plot_shifts, diagnosis), "shifts"),
         shifts=list(_list_shifts(diagnosis)),
         ties=any(mechanism.indistinguishable for mechanism in diagnosis.named_mechanisms),
+        tie_advice=[
+            f"To separate `{mechanism.id}` from the others: {find_mechanism(mechanism.id).about.experiment}"
+            for mechanism in diagnosis.named_mechanisms
+            if mechanism.indistinguishable
+        ],
         experiments=[
             [experiment.protocol, join_words(list(experiment.separates)), f"{experiment.power:.2f}"]
             for experiment in diagnosis.experiments

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import shlex
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from pamjax.channels import format_channel_value
 from pamjax.infer.fitting.determination import (
@@ -45,6 +48,8 @@ from pamjax.view.wording import (
 MAX_NAMED = 3
 #: Largest number of isobars or lengths that the page can show one by one.
 _MAX_GROUP_CHOICES = 12
+#: Share of the range of a channel above which an rms error is no noise of a sensor.
+_LARGE_ERROR_SHARE = 0.1
 
 
 def write_fit_report(fit: Fit, path: str | Path, command: str = "pamjax fit") -> Path:
@@ -77,11 +82,51 @@ def write_fit_report(fit: Fit, path: str | Path, command: str = "pamjax fit") ->
         prediction_caption=_format_prediction_caption(fit.cases[0]),
         prior=draw_picture(partial(figures.plot_prior, fit), "prior"),
         prior_caption=_format_prior_caption(fit, estimates),
-        has_misfit=_has_misfit(fit),
-        undetermined=[name for name, estimate in estimates.items() if not estimate.is_determined],
+        next_steps=list(_list_next_steps(fit, estimates)),
         assumptions=list(_list_assumptions(fit)),
         command=command,
     )
+
+
+def _list_next_steps(fit: Fit, estimates: Mapping[str, Estimate]) -> Iterator[str]:
+    """Yield the next steps, with commands for the folders of the cases; backticks enclose code."""
+    cases = [case_fit.case for case_fit in fit.cases]
+    folders = shlex.join(str(case.folder) for case in cases)
+    if _has_misfit(fit) or _find_large_error(fit):
+        reason = (
+            "The misfit exceeds the noise." if _has_misfit(fit) else "The error is too large for a sensor."
+        )
+        yield (
+            f"{reason} `pamjax diagnose {folders}` identifies the missing mechanisms."
+            " The misfit increases all standard deviations above."
+        )
+    else:
+        undetermined = [
+            name
+            for name, e in estimates.items()
+            if name.startswith(("muscle.", "thread.")) and not e.is_determined
+        ]
+        if undetermined and len(cases) == 1:
+            yield (
+                f"The estimate of {undetermined[0]} comes mostly from the prior."
+                f" `pamjax plan {folders} --goal {undetermined[0]}` selects further runs."
+            )
+    if not any(case.recording.measures_length for case in cases):
+        yield (
+            "The standard deviations above treat the noise level as exact."
+            f" `pamjax sample {folders}` includes its uncertainty."
+        )
+
+
+def _find_large_error(fit: Fit) -> tuple[str, float] | None:
+    """Return the channel without known noise whose rms error is a large share of its range, and the share."""
+    for case_fit in fit.cases:
+        for channel, rmse in case_fit.rmse.items():
+            readings = getattr(case_fit.case.recording, channel)
+            span = float(np.nanmax(readings) - np.nanmin(readings))
+            if not case_fit.noise[channel].is_known and rmse > _LARGE_ERROR_SHARE * span:
+                return channel, rmse / span
+    return None
 
 
 def format_model(fit: Fit) -> str:
@@ -127,7 +172,9 @@ def format_headline(fit: Fit) -> str:
         return capitalise_sentence(format_misfit(channel, case_fit.rmse[channel], noise).partition(";")[0])
     if noise.is_known:
         return "The fitted model explains the recording within its noise"
-    return f"The RMS error of {channel} is {format_channel_value(case_fit.rmse[channel], channel)}"
+    error = f"The RMS error of {channel} is {format_channel_value(case_fit.rmse[channel], channel)}"
+    large = _find_large_error(fit)
+    return f"{error}, {100 * large[1]:.0f} % of its range" if large and large[0] == channel else error
 
 
 def _describe_starts(fit: Fit) -> tuple[str, ...]:

@@ -158,7 +158,7 @@ def test_next_experiment_is_named(variant):
     for command in ("validate model.json OTHER", "inverse model.json", "simulate model.json"):
         assert f"pamjax {command}" in text
     assert ("No mechanisms are indistinguishable" in text) == (variant == "friction")
-    assert "No experiment was planned" not in text
+    assert "from the others" not in text
 
 
 def test_text_and_report_have_the_same_digits(page):
