@@ -315,7 +315,7 @@ def _build_braid_locking(scales: RecordingScales) -> list[Candidate]:
         *((share, {}) for share in (0.9, 1.1, 1.4, 1.9)),
         *((share, {"braid_locking.exponent": 2.0}) for share in (1.2, 1.7)),
         *((share, {"braid_locking.rounding": 0.05}) for share in (1.2, 1.6)),
-        *((share, {"braid_locking.stretch": 0.9}) for share in (1.1, 1.5)),
+        *((share, {"braid_locking.stretch": 0.9}) for share in (1.1, 1.5) if scales.has_stretch),
     ]
     return [
         Candidate(

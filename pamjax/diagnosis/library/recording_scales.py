@@ -32,6 +32,7 @@ class RecordingScales:
         thread_width: total width of all threads side by side, m.
         rest_angle_cosine: cosine of the braid angle at rest length.
         rest_length: rest length, m.
+        has_stretch: whether the threads of the baseline stretch.
         is_isometric: whether fewer than 20 % of the steps change the length.
         speed_ratio: ratio of fast to slow strokes.
         speed: geometric mean of the speeds of fast and slow strokes, m/s.
@@ -53,6 +54,7 @@ class RecordingScales:
     thread_width: float
     rest_angle_cosine: float
     rest_length: float
+    has_stretch: bool
     is_isometric: bool
     speed_ratio: float
     speed: float
@@ -86,6 +88,7 @@ class RecordingScales:
             rest_angle_cosine=float(
                 np.sqrt(max(1 - (problem.case.muscle_toml.rest_length.value / thread) ** 2, 1e-3))
             ),
+            has_stretch=problem.law != "inelastic",
             is_isometric=bool(np.mean(jumps > 1e-3 * np.ptp(length)) < 0.2) if length.size > 1 else True,
             speed_ratio=speed_ratio,
             speed=speed,

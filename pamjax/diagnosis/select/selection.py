@@ -16,6 +16,7 @@ from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.refit.least_squares import evaluate_estimate
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model, switch_off_candidate
 from pamjax.diagnosis.select.masked_effects import add_masked_effects
 from pamjax.diagnosis.select.merge_mechanisms import merge_mechanisms
@@ -222,7 +223,7 @@ def _assess_mechanism(problem, fit: ModelFit, k: int, candidates) -> NamedMechan
     candidate = fit.mechanisms[k]
     reduced_fit = fit_without_mechanism(problem, fit, k)
     chi2_increase = reduced_fit.corrected_chi2 - fit.corrected_chi2
-    trials = fit_replacements(problem, reduced_fit, candidate, candidates)
+    trials = _fit_rivals(problem, fit, reduced_fit, candidate, candidates)
     # Refit rivals with a low BIC to the minimum; the rough refits of the others are sufficient.
     close_trials = [
         trial
@@ -257,6 +258,31 @@ def _assess_mechanism(problem, fit: ModelFit, k: int, candidates) -> NamedMechan
         candidate.id, probability, tuple(indistinguishable), float(chi2_increase), bic_increase,
         indistinguishable_fits=indistinguishable_fits,
     )  # fmt: skip
+
+
+def _fit_rivals(
+    problem: LibraryProblem,
+    fit: ModelFit,
+    reduced_fit: ModelFit,
+    candidate: Candidate,
+    candidates: Sequence[Candidate],
+) -> list[ModelFit]:
+    """Return models with a rival in the place of a candidate, roughly refitted: the better of two starts.
+
+    The refit without the candidate can be far from the fit: other mechanisms then absorb its effect. The
+    values of the fit are the second start.
+    """
+    values = switch_off_candidate(problem, fit.estimate.values, candidate)
+    at_fit = replace(
+        reduced_fit, estimate=evaluate_estimate(problem, fit.noise, reduced_fit.estimate.free, values)
+    )
+    best: dict[str, ModelFit] = {}
+    for start in (reduced_fit, at_fit):
+        for trial in fit_replacements(problem, start, candidate, candidates):
+            id = trial.mechanisms[-1].id
+            if id not in best or trial.bic < best[id].bic:
+                best[id] = trial
+    return list(best.values())
 
 
 def compute_probability(rival_weight: float, tied_weight: float, unknown_weight: float) -> float:
