@@ -81,8 +81,12 @@ def build_candidates(problem: LibraryProblem) -> list[Candidate]:
 
 def _is_testable(candidate: Candidate, problem: LibraryProblem) -> bool:
     """Return whether the recording can test the candidate."""
-    needs_time = candidate.id in MECHANISMS_NEEDING_TIME
-    return problem.case.recording.has_time or not needs_time
+    recording = problem.case.recording
+    # A constant set force is a weight, or none. There is then no load cell whose zero can drift.
+    is_weight = recording.measures_length and np.nanmax(recording.force) == np.nanmin(recording.force)
+    if candidate.id == "force_drift" and is_weight:
+        return False
+    return recording.has_time or candidate.id not in MECHANISMS_NEEDING_TIME
 
 
 #: Mechanisms that a static table, in which the order of rows has no meaning, cannot test.
