@@ -39,8 +39,15 @@ def test_every_mechanism_has_a_visible_effect(kind):
     diameter, _ = compute_change("diameter", strokes)
     assert solved == compute_change("force", ramps)[1] == 1
     assert force > 0.5 or diameter > 1e-4
-    sensor = kind.id in ("force_gain", "force_offset", "force_drift", "channel_lag", "viscous_damping")
-    assert (diameter < 1e-12) == sensor
+    beside_threads = (
+        "force_gain",
+        "force_offset",
+        "force_drift",
+        "channel_lag",
+        "viscous_damping",
+        "braid_locking",
+    )
+    assert (diameter < 1e-12) == (kind.id in beside_threads)
     lossy = issubclass(kind, AbstractMemory) or kind.id in ("pressure_drop", "channel_lag", "force_drift")
     loops = [np.abs(_loop(r.force - r.bare_force)) for r in strokes]
     assert (np.max(loops) > 0.5) == lossy
