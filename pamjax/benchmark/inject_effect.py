@@ -22,7 +22,6 @@ from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.refit.least_squares import fit_parameters
-from pamjax.infer.problem.dataset import Dataset
 from pamjax.model.mechanism import AbstractSensor
 from pamjax.model.registry import EXCLUSIVE_PAIRS, MECHANISMS
 from pamjax.records.case import Case
@@ -125,13 +124,9 @@ def inject_effects(
 
 def _allow_slack(problem: LibraryProblem) -> LibraryProblem:
     """Return the problem with slack allowed in all rows: the muscle never pushes."""
-
-    def set_slack(dataset: Dataset) -> Dataset:
-        return eqx.tree_at(lambda m: m.rows.is_slack, dataset, jnp.ones_like(dataset.rows.is_slack))
-
-    return dataclasses.replace(
-        problem, dataset=set_slack(problem.dataset), reduced_dataset=set_slack(problem.reduced_dataset)
-    )
+    is_slack = jnp.ones_like(problem.dataset.rows.is_slack)
+    dataset = eqx.tree_at(lambda m: m.rows.is_slack, problem.dataset, is_slack)
+    return dataclasses.replace(problem, dataset=dataset)
 
 
 def _draw_muscle(problem: LibraryProblem, rng: np.random.Generator) -> np.ndarray:

@@ -61,7 +61,7 @@ class DiagnosedRows:
         """Start to compile the programs, those of the search first."""
         self.search_problem.start_compilation()
         if self.search_problem is not self.problem:
-            self.problem.start_compilation(with_all_mechanisms=False)
+            self.problem.start_compilation()
 
     def clear_evaluations(self) -> None:
         """Forget the cached evaluations: the result holds the problem, and must not hold them."""

@@ -72,6 +72,9 @@ class Bench(eqx.Module):
     """A muscle with mechanisms on a test bench.
 
     Without mechanisms it is the ideal inelastic cylinder. Mechanisms of one kind are applied in order.
+
+    A compiled program for many mechanisms spends most of its time on those that are switched off. With
+    `acting`, it computes an expensive mechanism only if it acts.
     """
 
     thread_length: Scalar = parameter(
@@ -83,6 +86,8 @@ class Bench(eqx.Module):
         source="from B cos(angle) / (pi D)",
     )  # fmt: skip
     mechanisms: tuple[AbstractMechanism, ...] = ()
+    #: Whether each mechanism acts, by id. None for all; only None has derivatives in reverse mode.
+    acting: dict[str, Bool[Array, ""]] | None = None
 
     def find_mechanisms(self, kind: type) -> list:
         """Return the mechanisms of one kind, in order."""
@@ -109,13 +114,20 @@ class Bench(eqx.Module):
         force, diameter = past.force, past.state.diameter
         force = force if slack is None else clip_slack_force(force, slack)
         for sensor in self.find_mechanisms(AbstractSensor):
-            force, diameter = sensor.to_recorded_outputs(force, diameter, past, history)
+            force, diameter = self._compute_if_acting(
+                sensor, sensor.to_recorded_outputs, force, diameter, past, history, absent=(force, diameter)
+            )
         return BenchReading(force, diameter, past, status)
 
     def prepare(self) -> Bench:
         """Return the same bench with the quantities that all states share computed."""
-        mechanisms = tuple(m.prepare(self.thread_length, self.turns) for m in self.mechanisms)
-        return Bench(self.thread_length, self.turns, mechanisms)
+        mechanisms = tuple(
+            self._compute_if_acting(m, m.prepare, self.thread_length, self.turns)
+            if isinstance(m, AbstractShape)
+            else m.prepare(self.thread_length, self.turns)
+            for m in self.mechanisms
+        )
+        return eqx.tree_at(lambda bench: bench.mechanisms, self, mechanisms)
 
     def compute_past(self, pressure: Samples, length: Samples, history: History) -> tuple[Past, Array]:
         """Return the states at true pressure (Pa) and length (m), both (n,), and their status."""
@@ -131,8 +143,8 @@ class Bench(eqx.Module):
         if not with_memory:
             return solve_all(*without_memory)
         passes = 2
-        if history.acting is not None:
-            passes = jnp.where(jnp.stack([history.acting[m.id] for m in with_memory]).any(), 2, 1)
+        if self.acting is not None:
+            passes = jnp.where(jnp.stack([self.acting[m.id] for m in with_memory]).any(), 2, 1)
 
         def run_pass(k, carry):
             inputs, _ = carry
@@ -150,10 +162,9 @@ class Bench(eqx.Module):
 
     def _compute_memory(self, first_pass: Past, history: History) -> tuple[Samples, Samples, Pair]:
         """Return inner pressure (Pa), thread extension and memory loads (N), from the pass without memory."""
-        acting = history.acting
         for line in self.find_mechanisms(AbstractPressureLoss):
-            inner_pressure = _compute_if_acting(
-                line, acting, line.pressure, history, first_pass, absent=first_pass.pressure
+            inner_pressure = self._compute_if_acting(
+                line, line.pressure, history, first_pass, absent=first_pass.pressure
             )
             first_pass = eqx.tree_at(lambda p: p.pressure, first_pass, inner_pressure)
         zeros, memories = jnp.zeros_like(first_pass.pressure), self.find_mechanisms(AbstractMemory)
@@ -163,15 +174,17 @@ class Bench(eqx.Module):
             history, first_row = history.repeat(), zeros.size
         extension = sum(
             (
-                _compute_if_acting(slip, acting, slip.extension, history, repeated_past)[first_row:]
+                self._compute_if_acting(slip, slip.extension, history, repeated_past)[first_row:]
                 for slip in self.find_mechanisms(AbstractSlip)
             ),
             zeros,
         )
-        strains = [memory.strains(repeated_past.state, repeated_past.pressure).T for memory in memories]
+
+        def compute_stresses(memory: AbstractMemory, past: Past) -> Array:
+            return memory.stresses(history, memory.strains(past.state, past.pressure).T, past)[first_row:]
+
         stresses = [
-            _compute_if_acting(m, acting, m.stresses, history, strain, repeated_past)[first_row:]
-            for m, strain in zip(memories, strains, strict=True)
+            self._compute_if_acting(memory, compute_stresses, memory, repeated_past) for memory in memories
         ]
         memory_loads = (
             _map_blocks(self.compute_memory_loads, row_count, first_pass, stresses)
@@ -179,6 +192,22 @@ class Bench(eqx.Module):
             else (zeros, zeros)
         )
         return first_pass.pressure, extension, memory_loads
+
+    def _compute_if_acting(self, mechanism: AbstractMechanism, function, *arguments, absent=None):
+        """Return the function's value if a mechanism acts, else `absent`, or zeros if omitted.
+
+        Args:
+            mechanism: the mechanism.
+            function: a function of the arguments.
+            arguments: pytrees of arrays.
+            absent: the value without the mechanism.
+        """
+        if self.acting is None:
+            return function(*arguments)
+        if absent is None:
+            shape = jax.eval_shape(function, *arguments)
+            absent = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shape)
+        return jax.lax.cond(self.acting[mechanism.id], lambda: function(*arguments), lambda: absent)
 
     def solve_instant(
         self, pressure: Scalar, length: Scalar, extension: Scalar, memory_loads: Pair
@@ -205,14 +234,17 @@ class Bench(eqx.Module):
         """Return the state at a length (m) and thread length (m)."""
         state = Cylinder()(length, thread, self.turns)
         for shape in self.find_mechanisms(AbstractShape):
-            state = materialize(shape.shape(state))
+            state = materialize(self._compute_if_acting(shape, shape.shape, state, absent=state))
         return state
 
     def energy_and_volume(self, length: Scalar, thread: Scalar) -> Pair:
         """Return stored energy without that of the threads (J), and volume (m³)."""
         state = self.state(length, thread)
         return sum(
-            (materialize(store.energy(state)) for store in self.find_mechanisms(AbstractStoredEnergy)),
+            (
+                materialize(self._compute_if_acting(store, store.energy, state))
+                for store in self.find_mechanisms(AbstractStoredEnergy)
+            ),
             jnp.zeros(()),
         ), state.volume
 
@@ -221,10 +253,17 @@ class Bench(eqx.Module):
 
         def work(length, thread):
             state = self.state(length, thread)
-            strains = (m.strains(state, past.pressure) for m in self.find_mechanisms(AbstractMemory))
+            memories = self.find_mechanisms(AbstractMemory)
             return sum(
-                (jnp.sum(s.T * e, axis=0) for s, e in zip(stresses, strains, strict=True)), jnp.zeros(())
+                (
+                    self._compute_if_acting(memory, compute_work, memory, stress, state)
+                    for memory, stress in zip(memories, stresses, strict=True)
+                ),
+                jnp.zeros(()),
             )
+
+        def compute_work(memory: AbstractMemory, stress: Array, state: State) -> Array:
+            return jnp.sum(stress.T * memory.strains(state, past.pressure), axis=0)
 
         _, (by_length, by_thread) = materialize(
             compute_partial_derivatives(work, past.state.length, past.state.thread)
@@ -240,24 +279,6 @@ class Bench(eqx.Module):
         return sum(
             (rig.deflection(force) for rig in self.find_mechanisms(AbstractRigCompliance)), jnp.zeros(())
         )
-
-
-def _compute_if_acting(mechanism, acting, function, *arguments, absent: Array | None = None) -> Array:
-    """Return the function's value if a mechanism acts, else `absent`, or zeros if omitted.
-
-    Args:
-        mechanism: the mechanism.
-        acting: whether each mechanism acts, by id; None for all.
-        function: a function of the arguments.
-        arguments: pytrees of arrays.
-        absent: the value without the mechanism.
-    """
-    if acting is None:
-        return function(*arguments)
-    if absent is None:
-        shape = jax.eval_shape(function, *arguments)
-        absent = jnp.zeros(shape.shape, shape.dtype)
-    return jax.lax.cond(acting[mechanism.id], lambda: function(*arguments), lambda: absent)
 
 
 def _map_blocks(function, row_count: Array | None, *rows):
@@ -316,7 +337,7 @@ def _repeat_last(values: Array, row_count: Array) -> Array:
 def remove_memories(bench: Bench) -> Bench:
     """Return the bench without the mechanisms whose effect depends on earlier samples."""
     static = tuple(m for m in bench.mechanisms if not isinstance(m, HISTORY_DEPENDENT))
-    return Bench(bench.thread_length, bench.turns, static)
+    return eqx.tree_at(lambda bench: bench.mechanisms, bench, static)
 
 
 def clip_slack_force(force: Samples, slack: Bool[Array, " n"]) -> Samples:

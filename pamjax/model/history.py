@@ -44,8 +44,6 @@ class History(eqx.Module):
         settled: whether the muscle performed the same recording once before.
         row_count: number of samples to compute; later ones repeat the last. None for all; only None has
             derivatives in reverse mode.
-        acting: whether each mechanism acts, by id. One with memory that does not act is not computed, and
-            without any, one pass is enough. None for all; only None has derivatives in reverse mode.
     """
 
     time: Float[Array, " n"]
@@ -56,7 +54,6 @@ class History(eqx.Module):
     last: Int[Array, " n"]
     settled: bool = eqx.field(static=True, default=False)
     row_count: Int[Array, ""] | None = None
-    acting: dict[str, Bool[Array, ""]] | None = None
 
     def rate(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
         """Return the rate of change of a quantity, 1/s; zero in a static map."""

@@ -2,7 +2,6 @@
 
 from functools import partial
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -129,50 +128,6 @@ def test_skipped_padding_changes_no_sample(settled):
         assert np.all(np.isfinite(cut))
     # Negative control: the memory has an effect, which depends on the earlier history.
     assert np.max(np.abs(exact[1])) > 1.0
-
-
-def test_one_pass_is_sufficient_without_memory():
-    time = np.arange(60.0)
-    past = build_time_history(time, time == 0)
-    pressure, length = jnp.asarray(3e5 + 1e5 * np.sin(time / 7)), jnp.asarray(0.22 - 0.02 * np.cos(time / 11))
-
-    @jax.jit
-    def force(coefficient, lasting):
-        kinds = BraidElasticity(1e-6), BraidFriction(coefficient, 15 * coefficient)
-        known = eqx.tree_at(
-            lambda h: h.acting, past, {"braid_friction": lasting}, is_leaf=lambda x: x is None
-        )
-        return Bench(0.2512, 1.09, kinds)(pressure, length, known).force
-
-    once, twice = jnp.asarray(False), jnp.asarray(True)
-    agree(force(0.0, once), force(0.0, twice), SOLVED, 100.0)
-    by_thread = Bench(0.2512, 1.09, (BraidElasticity(1e-6), BraidFriction(0.2, 3.0)))
-    agree(force(0.2, twice), by_thread(pressure, length, past).force, SOLVED, 100.0)
-    # Negative control: with friction, one pass of the recording is not sufficient.
-    assert np.max(np.abs(force(0.2, once) - force(0.2, twice))) > 0.1
-
-
-def test_mechanism_that_does_not_act_is_left_out():
-    time = np.arange(60.0)
-    past = build_time_history(time, time == 0)
-    pressure, length = jnp.asarray(3e5 + 1e5 * np.sin(time / 7)), jnp.asarray(0.22 - 0.02 * np.cos(time / 11))
-    friction, damping = BraidFriction(0.2, 3.0), ViscousDamping(jnp.asarray(400.0))
-
-    @jax.jit
-    def force(acting):
-        known = eqx.tree_at(lambda h: h.acting, past, acting, is_leaf=lambda x: x is None)
-        return Bench(0.2512, 1.09, (friction, damping))(pressure, length, known).force
-
-    def compute_alone(*mechanisms):
-        return Bench(0.2512, 1.09, mechanisms)(pressure, length, past).force
-
-    damping_alone = force({friction.id: jnp.asarray(False), damping.id: jnp.asarray(True)})
-    agree(damping_alone, compute_alone(damping), SOLVED, 100.0)
-    both = force({friction.id: jnp.asarray(True), damping.id: jnp.asarray(True)})
-    agree(both, compute_alone(friction, damping), SOLVED, 100.0)
-    # Negative control: both mechanisms have an effect.
-    assert np.max(np.abs(both - damping_alone)) > 0.1
-    assert np.max(np.abs(damping_alone - compute_alone())) > 0.1
 
 
 def test_static_map_has_no_settled_state():

@@ -39,8 +39,6 @@ def predict_solved(problem: LibraryProblem, values: np.ndarray) -> np.ndarray:
 
 def _replace_lengths(problem: LibraryProblem, length: Array) -> LibraryProblem:
     """Return the problem with other lengths, (n,) m, from which the step starts."""
-    datasets = [
-        eqx.tree_at(lambda d: d.rows.length, dataset, dataset.rows.length.at[: problem.n].set(length))
-        for dataset in (problem.dataset, problem.reduced_dataset)
-    ]
-    return dataclasses.replace(problem, dataset=datasets[0], reduced_dataset=datasets[1])
+    lengths = problem.dataset.rows.length.at[: problem.n].set(length)
+    dataset = eqx.tree_at(lambda d: d.rows.length, problem.dataset, lengths)
+    return dataclasses.replace(problem, dataset=dataset)

@@ -14,7 +14,7 @@ from scipy.optimize import lsq_linear
 
 from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.library.candidates import TIME_COURSES, Candidate
-from pamjax.diagnosis.library.library_problem import COSTLIEST_MECHANISM, LibraryProblem
+from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import (
     MapEstimate,
     compute_limit_distances,
@@ -173,7 +173,7 @@ def _group_candidates(
     single_groups, groups, active_ids = [], [], problem.find_active_mechanisms(estimate.values)
     for k, candidate in enumerate(candidates):
         has_shape = bool(_get_reference_shape(candidate))
-        if candidate.id == COSTLIEST_MECHANISM or (has_shape and candidate.id in active_ids):
+        if has_shape and candidate.id in active_ids:
             single_groups.append([k])
             continue
         fits = (g for g in groups if all(_can_share_point(candidates[other], candidate) for other in g))

@@ -2,23 +2,23 @@
 
 At its neutral value a parameter switches its mechanism off. A candidate is a set of free parameters.
 So one compiled program evaluates every combination of mechanisms: the prediction and its derivatives.
+It does not compute the mechanisms that are switched off.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Collection, Hashable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from pamjax.compile import programs
-from pamjax.diagnosis.library.evaluation_cache import CachedEvaluation, EvaluationCache
+from pamjax.diagnosis.library.evaluation_cache import EvaluationCache
 from pamjax.diagnosis.library.library_parameters import LibraryParameters, collect_library_parameters
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.errors import BadInput
@@ -49,9 +49,6 @@ _MAX_SHORT_ROWS = 5120
 #: Key of a prediction without derivatives. That of a sweep is whether a mechanism with memory acts.
 _PREDICTION_ALONE = "alone"
 
-#: The mechanism that costs as much as all others together. `reduced_dataset` does not contain it.
-COSTLIEST_MECHANISM = "end_taper"
-
 #: Mechanisms that depend on earlier samples. If one is active, the recording is simulated twice.
 _MECHANISMS_WITH_MEMORY = {kind.id for kind in MECHANISMS if issubclass(kind, HISTORY_DEPENDENT)}
 
@@ -67,7 +64,6 @@ class LibraryProblem(LibraryParameters):
         case: the recording, with fixed lengths averaged, and the stated values of its muscle.toml.
         law: thread law of the baseline, "inelastic" or "elastic".
         dataset: arrays for the compiled program with all mechanisms.
-        reduced_dataset: the same without `COSTLIEST_MECHANISM`; used while that is switched off.
         measured: (2, n) measured force (N) and diameter (m); NaN where no sample is compared.
         settings: thresholds of the diagnosis.
         evaluations: cached results at recent parameter values.
@@ -76,7 +72,6 @@ class LibraryProblem(LibraryParameters):
     case: Case
     law: str
     dataset: Dataset
-    reduced_dataset: Dataset
     measured: np.ndarray
     settings: DiagnosisSettings = DEFAULT_SETTINGS
     evaluations: EvaluationCache = field(default_factory=EvaluationCache, init=False, repr=False)
@@ -119,14 +114,14 @@ class LibraryProblem(LibraryParameters):
 
     def predict(self, values: np.ndarray) -> np.ndarray:
         """Return the predicted force (N) and diameter (m), (2, n), at parameter values (p,), SI."""
-        active_ids = self.find_active_mechanisms(values)
-        key, evaluation = self._find_evaluation(values, active_ids)
+        key = values.tobytes()
+        evaluation = self.evaluations.get(key)
         if _PREDICTION_ALONE not in evaluation.predictions:
             prediction = programs.run_compiled(
                 _predict_channels,
-                self._choose_dataset(active_ids),
+                self.dataset,
                 jnp.asarray(values),
-                _flag_mechanisms(active_ids),
+                _flag_mechanisms(self.find_active_mechanisms(values)),
             )
             evaluation = evaluation.merge(
                 {_PREDICTION_ALONE: np.array(np.asarray(prediction)[:, : self.n])}, {}
@@ -141,21 +136,14 @@ class LibraryProblem(LibraryParameters):
             for k in np.flatnonzero((values != self.neutral) & self.is_switch)
         }
 
-    def start_compilation(self, with_all_mechanisms: bool = True) -> None:
-        """Start to compile the programs, two at a time; the first use of each waits for it.
-
-        The prediction with tapered ends is compiled when it is needed: many diagnoses never use it.
-
-        Args:
-            with_all_mechanisms: whether to compile the derivatives with `COSTLIEST_MECHANISM`.
-        """
+    def start_compilation(self) -> None:
+        """Start to compile both programs at the same time; the first use of each waits for it."""
         programs.start_compilation(
-            _predict_channels, self.reduced_dataset, jnp.asarray(self.neutral), _flag_mechanisms(())
+            _sweep_derivatives, *_pack_sweep_arguments(self.dataset, self.neutral, (), ())
         )
-        for dataset in (self.reduced_dataset, *([self.dataset] if with_all_mechanisms else [])):
-            programs.start_compilation(
-                _sweep_derivatives, *_pack_sweep_arguments(dataset, self.neutral, (), ())
-            )
+        programs.start_compilation(
+            _predict_channels, self.dataset, jnp.asarray(self.neutral), _flag_mechanisms(())
+        )
 
     def predict_with_jacobian(self, values: np.ndarray, indices) -> tuple[np.ndarray, np.ndarray]:
         """Return the prediction, (2, n), and its derivatives by some parameters, (k, 2, n), SI.
@@ -165,19 +153,17 @@ class LibraryProblem(LibraryParameters):
         indices = [int(k) for k in indices]
         if not indices:
             return self.predict(values), np.empty((0, 2, self.n))
-        active_ids = self.find_active_mechanisms(values)
-        ids = active_ids | {_get_mechanism_id(self.names[k]) for k in indices}
-        key, evaluation = self._find_evaluation(values, ids)
+        key, active_ids = values.tobytes(), self.find_active_mechanisms(values)
+        evaluation = self.evaluations.get(key)
         acting_ids = {k: active_ids | {_get_mechanism_id(self.names[k])} for k in indices}
         has_memory = {k: bool(_MECHANISMS_WITH_MEMORY & acting_ids[k]) for k in indices}
-        missing = [k for k in indices if k not in evaluation.derivatives]
+        # Parameters of one mechanism are neighbours: a pass computes the mechanisms of its parameters.
+        missing = sorted(k for k in indices if k not in evaluation.derivatives)
         for with_memory in (False, True):
             group = [k for k in missing if has_memory[k] == with_memory]
             for start in range(0, len(group), _DERIVATIVES_PER_SWEEP):
                 batch = group[start : start + _DERIVATIVES_PER_SWEEP]
-                prediction, jacobian = self._run_sweep(
-                    self._choose_dataset(ids), values, batch, set().union(*(acting_ids[k] for k in batch))
-                )
+                prediction, jacobian = self._run_sweep(values, batch, [acting_ids[k] for k in batch])
                 # Copies: the arrays of the program have empty rows and slots.
                 columns = {k: np.array(column) for k, column in zip(batch, jacobian, strict=True)}
                 evaluation = evaluation.merge({with_memory: np.array(prediction)}, columns)
@@ -187,23 +173,15 @@ class LibraryProblem(LibraryParameters):
         prediction = evaluation.predictions[max(has_memory.values())]
         return prediction, np.stack([evaluation.derivatives[k] for k in indices])
 
-    def _choose_dataset(self, mechanism_ids: Collection[str]) -> Dataset:
-        """Return the dataset of the smallest program with these mechanisms."""
-        return self.dataset if COSTLIEST_MECHANISM in mechanism_ids else self.reduced_dataset
-
-    def _find_evaluation(
-        self, values: np.ndarray, mechanism_ids: Collection[str]
-    ) -> tuple[Hashable, CachedEvaluation]:
-        """Return the key and the cached results at parameter values, by the program of some mechanisms."""
-        key = values.tobytes(), COSTLIEST_MECHANISM in mechanism_ids
-        return key, self.evaluations.get(key)
-
     def _run_sweep(
-        self, dataset: Dataset, values: np.ndarray, indices: Sequence[int], acting_ids: Collection[str]
+        self, values: np.ndarray, indices: Sequence[int], acting_ids: Sequence[Collection[str]]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the prediction, (2, n), and its derivatives, (k, 2, n), of one sweep."""
+        """Return the prediction, (2, n), and its derivatives, (k, 2, n), of one sweep.
+
+        `acting_ids` are, for each parameter, the mechanisms that act at its derivative.
+        """
         prediction, jacobian = programs.run_compiled(
-            _sweep_derivatives, *_pack_sweep_arguments(dataset, values, indices, acting_ids)
+            _sweep_derivatives, *_pack_sweep_arguments(self.dataset, values, indices, acting_ids)
         )
         return np.asarray(prediction)[:, : self.n], np.asarray(jacobian)[: len(indices), :, : self.n]
 
@@ -213,22 +191,32 @@ def _get_mechanism_id(name: str) -> str:
 
 
 def _flag_mechanisms(acting_ids: Collection[str]) -> dict[str, Array]:
-    """Return whether each mechanism with memory acts, by id."""
-    return {id: jnp.asarray(id in acting_ids) for id in _MECHANISMS_WITH_MEMORY}
+    """Return whether each mechanism acts, by id."""
+    return {kind.id: jnp.asarray(kind.id in acting_ids) for kind in MECHANISMS}
 
 
-def _pack_sweep_arguments(dataset: Dataset, values, indices, acting_ids: Collection[str]) -> tuple:
+def _pack_sweep_arguments(
+    dataset: Dataset, values, indices: Sequence[int], acting_ids: Sequence[Collection[str]]
+) -> tuple:
     slots = np.zeros(_DERIVATIVES_PER_SWEEP, dtype=int)
     slots[: len(indices)] = indices
-    counts = jnp.asarray(len(indices)), _flag_mechanisms(acting_ids)
-    return dataset, jnp.asarray(values), jnp.asarray(slots), *counts
+    per_pass = _choose_derivatives_per_pass(dataset)
+    acting_in_pass = [
+        set().union(*acting_ids[k : k + per_pass]) for k in range(0, _DERIVATIVES_PER_SWEEP, per_pass)
+    ]
+    acting = {kind.id: jnp.asarray([kind.id in ids for ids in acting_in_pass]) for kind in MECHANISMS}
+    return dataset, jnp.asarray(values), jnp.asarray(slots), jnp.asarray(len(indices)), acting
+
+
+def _choose_derivatives_per_pass(dataset: Dataset) -> int:
+    rows = dataset.rows.pressure.size
+    return _DERIVATIVES_PER_PASS if rows <= _MAX_SHORT_ROWS else _DERIVATIVES_PER_LONG_PASS
 
 
 @compile_on_call
 def _predict_channels(dataset: Dataset, values: Float[Array, " p"], acting: dict[str, Array]) -> Array:
-    """Return the predicted channels; `acting` is whether each mechanism with memory acts, by id."""
-    dataset = eqx.tree_at(lambda m: m.history.acting, dataset, acting, is_leaf=lambda x: x is None)
-    return dataset.predict_channels(values)
+    """Return the predicted channels; `acting` is whether each mechanism acts, by id."""
+    return dataclasses.replace(dataset, acting=acting).predict_channels(values)
 
 
 @compile_on_call
@@ -237,23 +225,19 @@ def _sweep_derivatives(
 ) -> tuple[Array, Array]:
     """Return the prediction and its derivatives by the first `count` parameters in `slots`.
 
-    `acting` is whether each mechanism with memory acts, or is that of a parameter. The recording is
-    simulated twice if one of them does.
+    `acting` is whether each mechanism acts, or is that of a parameter, in each pass over the rows.
     """
-
-    def predict(x):
-        return _predict_channels(dataset, x, acting)
-
-    rows = dataset.rows.pressure.size
-    per_pass = _DERIVATIVES_PER_PASS if rows <= _MAX_SHORT_ROWS else _DERIVATIVES_PER_LONG_PASS
+    rows, per_pass = dataset.rows.pressure.size, _choose_derivatives_per_pass(dataset)
 
     def fill(k, carry):
         _, jacobian = carry
         now = jax.lax.dynamic_slice_in_dim(slots, k * per_pass, per_pass)
+        acting_now = {id: flags[k] for id, flags in acting.items()}
         tangents = jax.nn.one_hot(now, values.size, dtype=values.dtype)
         # Batched: the common part of all directions is computed once, while it is in the processor cache.
         prediction, tangent_prediction = jax.vmap(
-            lambda t: jax.jvp(predict, (values,), (t,)), out_axes=(None, 0)
+            lambda t: jax.jvp(lambda x: _predict_channels(dataset, x, acting_now), (values,), (t,)),
+            out_axes=(None, 0),
         )(tangents)
         return prediction, jax.lax.dynamic_update_slice_in_dim(jacobian, tangent_prediction, k * per_pass, 0)
 
@@ -285,16 +269,11 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
     law = resolve_bench_law(case.muscle_toml.baseline, ())
     mechanism_ids = tuple(kind.id for kind in MECHANISMS)
     parameters = collect_library_parameters(case, law, mechanism_ids, settings)
-    dataset = _build_dataset(case, law, mechanism_ids, parameters)
-    reduced_dataset = dataclasses.replace(
-        dataset, mechanisms=tuple(id for id in mechanism_ids if id != COSTLIEST_MECHANISM)
-    )
     return LibraryProblem(
         **vars(parameters),
         case=case,
         law=law,
-        dataset=dataset,
-        reduced_dataset=reduced_dataset,
+        dataset=_build_dataset(case, law, mechanism_ids, parameters),
         measured=_collect_measurements(case),
         settings=settings,
     )
@@ -308,12 +287,10 @@ def select_rows(problem: LibraryProblem, rows: np.ndarray) -> LibraryProblem:
         rows: (k,) increasing row indices.
     """
     case = dataclasses.replace(problem.case, recording=problem.case.recording.select(rows))
-    dataset = _build_dataset(case, problem.law, problem.dataset.mechanisms, problem)
     return dataclasses.replace(
         problem,
         case=case,
-        dataset=dataset,
-        reduced_dataset=dataclasses.replace(dataset, mechanisms=problem.reduced_dataset.mechanisms),
+        dataset=_build_dataset(case, problem.law, problem.dataset.mechanisms, problem),
         measured=problem.measured[:, rows],
     )
 

@@ -99,15 +99,10 @@ class SimulatedTestbed:
         rows = build_rows(case, size)
         rows = dataclasses.replace(rows, length_level=jnp.zeros_like(rows.length_level))
         history = build_history(case, size, compute_padding=False)
-        dataset, reduced_dataset = (
-            dataclasses.replace(m, rows=rows, history=history)
-            for m in (problem.dataset, problem.reduced_dataset)
-        )
         return dataclasses.replace(
             problem,
             case=case,
-            dataset=dataset,
-            reduced_dataset=reduced_dataset,
+            dataset=dataclasses.replace(problem.dataset, rows=rows, history=history),
             measured=np.full((2, n), np.nan),
         )
 

@@ -48,8 +48,7 @@ def _predict_dataset(problem: LibraryProblem, dataset: Dataset, values: np.ndarr
         dataset: its dataset with other pressures, lengths or set forces.
         values: (p,) parameter values, SI.
     """
-    reduced = dataclasses.replace(problem.reduced_dataset, rows=dataset.rows)
-    prediction = dataclasses.replace(problem, dataset=dataset, reduced_dataset=reduced).predict(values)
+    prediction = dataclasses.replace(problem, dataset=dataset).predict(values)
     padding = dataset.rows.pressure.size - prediction.shape[1]
     return np.pad(prediction, ((0, 0), (0, padding)))
 

@@ -174,14 +174,8 @@ def _has_memory(problem: LibraryProblem, values: np.ndarray) -> bool:
 
 def _perturb_problem(problem: LibraryProblem, pressure: np.ndarray, length: np.ndarray) -> LibraryProblem:
     """Return the problem with noise added to pressure and length."""
-
-    def perturb(dataset):
-        n, rows = problem.n, dataset.rows
-        rows = dataclasses.replace(
-            rows, pressure=rows.pressure.at[:n].add(pressure), length=rows.length.at[:n].add(length)
-        )
-        return dataclasses.replace(dataset, rows=rows)
-
-    return dataclasses.replace(
-        problem, dataset=perturb(problem.dataset), reduced_dataset=perturb(problem.reduced_dataset)
+    n, rows = problem.n, problem.dataset.rows
+    rows = dataclasses.replace(
+        rows, pressure=rows.pressure.at[:n].add(pressure), length=rows.length.at[:n].add(length)
     )
+    return dataclasses.replace(problem, dataset=dataclasses.replace(problem.dataset, rows=rows))

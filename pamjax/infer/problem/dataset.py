@@ -90,6 +90,7 @@ class Dataset(eqx.Module):
             residuals (see `sensor_noise.py`).
         whitening: filter of the residuals; None for independent samples.
         form_filter: form errors of the mechanisms; None for exact equations.
+        acting: whether each mechanism acts, by id; see `Bench`. None for all.
     """
 
     law: str = eqx.field(static=True)
@@ -102,6 +103,7 @@ class Dataset(eqx.Module):
     channel_weights: Float[Array, " 2"]
     whitening: Whitening | None = None
     form_filter: FormFilter | None = None
+    acting: dict[str, Bool[Array, ""]] | None = None
 
     def without_filters(self) -> Dataset:
         """Return the dataset without filters of the residuals.
@@ -120,7 +122,8 @@ class Dataset(eqx.Module):
 
     def build_bench(self, values: Float[Array, " p"]) -> Bench:
         """Return the muscle with its mechanisms, from the free parameters, (p,), SI."""
-        return assemble_bench(self.law, self.mechanisms, self.collect_parameters(values))
+        bench = assemble_bench(self.law, self.mechanisms, self.collect_parameters(values))
+        return replace(bench, acting=self.acting)
 
     def predict(self, values: Float[Array, " p"]) -> MuscleReading | BenchReading | LengthReading:
         """Return the predicted reading at every row; the length at the set force in an isotonic test."""

@@ -51,7 +51,6 @@ class Delayed:
     """A problem with a closed form: its force is delayed by a fraction of a sample, by interpolation."""
 
     dataset: Spring
-    reduced_dataset: Spring
     case: Case
     meanings: tuple[Meaning, ...] = (find_meaning("channel_lag.lag"),)
     names: tuple[str, ...] = ("channel_lag.lag",)
@@ -81,7 +80,7 @@ def build_case(length_sd: float | None) -> Case:
 
 def spring(noise: float | None = NOISE) -> Any:
     bare = Spring(Set(jnp.ones(ROWS), jnp.sin(jnp.linspace(0, 6, ROWS))))
-    return Delayed(bare, bare, build_case(noise))
+    return Delayed(bare, build_case(noise))
 
 
 def weights(correlation=0.0):
