@@ -135,7 +135,10 @@ def _locate_program(function: Any, arguments: tuple) -> Path | None:
     is_own = all(owner.__module__.startswith("pamjax.") for owner in owners)
     leaves = jax.tree_util.tree_leaves(arguments)
     # JAX copies arrays to the device of the program, unless the caller fixed their device.
-    devices = {get_default_device(), *(device for leaf in leaves for device in leaf.devices())}
+    devices = {
+        get_default_device(),
+        *(device for leaf in leaves if isinstance(leaf, jax.Array) for device in leaf.devices()),
+    }
     on_cpu = all(device.platform == "cpu" for device in devices)
     if folder is None or not (is_own and on_cpu and _are_sources_unchanged()):
         return None

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from pamjax.compile import programs
 from pamjax.diagnosis.library.evaluation_cache import EvaluationCache
@@ -120,7 +120,7 @@ class LibraryProblem(LibraryParameters):
             prediction = programs.run_compiled(
                 _predict_channels,
                 self.dataset,
-                jnp.asarray(values),
+                values,
                 _flag_mechanisms(self.find_active_mechanisms(values)),
             )
             evaluation = evaluation.merge(
@@ -141,9 +141,7 @@ class LibraryProblem(LibraryParameters):
         programs.start_compilation(
             _sweep_derivatives, *_pack_sweep_arguments(self.dataset, self.neutral, (), ())
         )
-        programs.start_compilation(
-            _predict_channels, self.dataset, jnp.asarray(self.neutral), _flag_mechanisms(())
-        )
+        programs.start_compilation(_predict_channels, self.dataset, self.neutral, _flag_mechanisms(()))
 
     def predict_with_jacobian(self, values: np.ndarray, indices) -> tuple[np.ndarray, np.ndarray]:
         """Return the prediction, (2, n), and its derivatives by some parameters, (k, 2, n), SI.
@@ -190,22 +188,21 @@ def _get_mechanism_id(name: str) -> str:
     return name.partition(".")[0]
 
 
-def _flag_mechanisms(acting_ids: Collection[str]) -> dict[str, Array]:
-    """Return whether each mechanism acts, by id."""
-    return {kind.id: jnp.asarray(kind.id in acting_ids) for kind in MECHANISMS}
+def _flag_mechanisms(acting_ids: Collection[str]) -> np.ndarray:
+    """Return whether each mechanism acts, in the order of the registry."""
+    return np.array([kind.id in acting_ids for kind in MECHANISMS])
 
 
 def _pack_sweep_arguments(
     dataset: Dataset, values, indices: Sequence[int], acting_ids: Sequence[Collection[str]]
 ) -> tuple:
-    slots = np.zeros(_DERIVATIVES_PER_SWEEP, dtype=int)
+    slots, per_pass = np.zeros(_DERIVATIVES_PER_SWEEP, dtype=int), _choose_derivatives_per_pass(dataset)
     slots[: len(indices)] = indices
-    per_pass = _choose_derivatives_per_pass(dataset)
-    acting_in_pass = [
-        set().union(*acting_ids[k : k + per_pass]) for k in range(0, _DERIVATIVES_PER_SWEEP, per_pass)
+    acting = [
+        _flag_mechanisms(set().union(*acting_ids[k : k + per_pass]))
+        for k in range(0, _DERIVATIVES_PER_SWEEP, per_pass)
     ]
-    acting = {kind.id: jnp.asarray([kind.id in ids for ids in acting_in_pass]) for kind in MECHANISMS}
-    return dataset, jnp.asarray(values), jnp.asarray(slots), jnp.asarray(len(indices)), acting
+    return dataset, values, slots, np.array(len(indices)), np.stack(acting)
 
 
 def _choose_derivatives_per_pass(dataset: Dataset) -> int:
@@ -214,14 +211,15 @@ def _choose_derivatives_per_pass(dataset: Dataset) -> int:
 
 
 @compile_on_call
-def _predict_channels(dataset: Dataset, values: Float[Array, " p"], acting: dict[str, Array]) -> Array:
-    """Return the predicted channels; `acting` is whether each mechanism acts, by id."""
-    return dataclasses.replace(dataset, acting=acting).predict_channels(values)
+def _predict_channels(dataset: Dataset, values: Float[Array, " p"], acting: Bool[Array, " m"]) -> Array:
+    """Return the predicted channels; `acting` is whether each mechanism acts, as in the registry."""
+    flag_by_id = {kind.id: flag for kind, flag in zip(MECHANISMS, acting, strict=True)}
+    return dataclasses.replace(dataset, acting=flag_by_id).predict_channels(values)
 
 
 @compile_on_call
 def _sweep_derivatives(
-    dataset: Dataset, values: Float[Array, " p"], slots: Array, count: Array, acting: dict[str, Array]
+    dataset: Dataset, values: Float[Array, " p"], slots: Array, count: Array, acting: Bool[Array, "k m"]
 ) -> tuple[Array, Array]:
     """Return the prediction and its derivatives by the first `count` parameters in `slots`.
 
@@ -232,11 +230,10 @@ def _sweep_derivatives(
     def fill(k, carry):
         _, jacobian = carry
         now = jax.lax.dynamic_slice_in_dim(slots, k * per_pass, per_pass)
-        acting_now = {id: flags[k] for id, flags in acting.items()}
         tangents = jax.nn.one_hot(now, values.size, dtype=values.dtype)
         # Batched: the common part of all directions is computed once, while it is in the processor cache.
         prediction, tangent_prediction = jax.vmap(
-            lambda t: jax.jvp(lambda x: _predict_channels(dataset, x, acting_now), (values,), (t,)),
+            lambda t: jax.jvp(lambda x: _predict_channels(dataset, x, acting[k]), (values,), (t,)),
             out_axes=(None, 0),
         )(tangents)
         return prediction, jax.lax.dynamic_update_slice_in_dim(jacobian, tangent_prediction, k * per_pass, 0)

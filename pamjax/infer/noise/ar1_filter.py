@@ -9,16 +9,17 @@ and a white part of variance W = 1 − A: the propagated noise of pressure and l
     e_1 = s_1,    e_t+1 = s_t+1 − ρ s_t + ρ (1 − K_t) e_t,    K_t = p_t / (p_t + W),
     p_1 = A,      p_t+1 = ρ² p_t W / (p_t + W) + A (1 − ρ²),
 
-and e_t / √(p_t + W) is white. The first samples of a run are filtered by a matrix, until K is steady.
+and e_t / √(p_t + W) is white. K is computed for the first samples of a run, until it is steady.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
+from scipy.linalg import get_lapack_funcs
 
 from pamjax.infer.noise.sensor_posterior import SensorPosterior
 
@@ -27,6 +28,9 @@ _MAX_FILTER_SAMPLES = 400
 
 #: A filter is steady if p differs from its steady value by less than this fraction of the initial difference.
 _STEADY_STATE_TOLERANCE = 1e-3
+
+#: LAPACK's solution of linear equations with a triangular band matrix.
+(_solve_triangular_band,) = get_lapack_funcs(("tbtrs",), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -56,30 +60,21 @@ class Ar1Noise:
         """Return the coefficient θ of the steady filter, and the sd of the innovation of a unit sample."""
         return _solve_steady_filter(self.ar1_fraction, self.correlation)
 
-    def whiten(self, run: np.ndarray) -> np.ndarray:
-        """Return the whitened samples of a run, (…, m), with unit variance."""
-        rho = self.correlation
-        if rho == 0 or self.ar1_fraction == 0:
-            return run
-        theta, innovation_sd = self.filter
-        initial = _build_initial_filter(self.ar1_fraction, rho)
-        m = min(len(initial.sd), run.shape[-1])
-        first = run[..., :m] @ initial.filter[:m, :m].T
-        if m == run.shape[-1]:
-            return first
-        # Imported here: SciPy's signal package takes longer to load than a small fit.
-        from scipy.signal import lfilter
-
-        filter_state = -rho * run[..., m - 1] + theta * initial.sd[-1] * first[..., m - 1]
-        later, _ = lfilter([1.0, -rho], [1.0, -theta], run[..., m:], axis=-1, zi=filter_state[..., None])
-        return np.concatenate([first, np.asarray(later) / innovation_sd], axis=-1)
+    def build_filter(self, runs: np.ndarray) -> RunFilter | None:
+        """Return the filter of consecutive runs, (k, 2) begin and end; None for uncorrelated noise."""
+        if self.correlation == 0 or self.ar1_fraction == 0:
+            return None
+        lengths = runs[:, 1] - runs[:, 0]
+        feedback, sd = self.compute_coefficients(int(lengths.max(initial=0)))
+        sample = np.concatenate([np.arange(length) for length in lengths])
+        return RunFilter(np.where(sample == 0, 0.0, self.correlation), feedback[sample], sd[sample])
 
     def compute_coefficients(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
         """Return ρ (1 − K) before each sample of a run, and the sd of its innovation, (samples,) each."""
         rho, sd = self.correlation, np.ones(samples)
         if rho == 0 or self.ar1_fraction == 0:
             return np.zeros(samples), sd
-        initial = _build_initial_filter(self.ar1_fraction, rho).sd[:samples]
+        initial = _compute_initial_sds(self.ar1_fraction, rho)[:samples]
         sd[: initial.size], sd[initial.size :] = initial, self.filter[1]
         feedback = rho * (1 - self.ar1_fraction) / sd**2
         return np.concatenate([[0.0], feedback])[:samples], sd
@@ -88,21 +83,50 @@ class Ar1Noise:
         """Return the sum of the logarithms of the innovation sds of a run."""
         if self.correlation == 0 or self.ar1_fraction == 0:
             return 0.0
-        initial = np.log(_build_initial_filter(self.ar1_fraction, self.correlation).sd[:samples])
+        initial = np.log(_compute_initial_sds(self.ar1_fraction, self.correlation)[:samples])
         return float(initial.sum()) + (samples - initial.size) * math.log(self.filter[1])
 
 
 @dataclass(frozen=True, eq=False)
-class _InitialFilter:
-    """Filter of a run's first samples.
+class RunFilter:
+    """Filter of the samples of consecutive runs; it restarts at each run.
 
     Attributes:
-        filter: (m, m) lower triangular matrix from samples to white samples.
-        sd: (m,) √(p_t + W), the sds of the innovations.
+        correlation: (n,) ρ between each sample and the one before; zero at the first sample of a run.
+        feedback: (n,) ρ (1 − K) before each sample; zero at the first sample of a run.
+        sd: (n,) √(p_t + W), the sds of the innovations.
     """
 
-    filter: np.ndarray
+    correlation: np.ndarray
+    feedback: np.ndarray
     sd: np.ndarray
+
+    @cached_property
+    def _band(self) -> np.ndarray:
+        """Return the recursion as a matrix with ones on its diagonal: that and the band below, (2, n)."""
+        below = np.append(-self.feedback[1:], 0.0)
+        return np.asfortranarray([np.ones(self.sd.size), below])
+
+    def whiten(self, samples: np.ndarray) -> np.ndarray:
+        """Return the whitened samples, (…, n), with unit variance.
+
+        A missing sample, NaN, makes the later samples of its run NaN.
+        """
+        is_missing = ~np.isfinite(samples)
+        if not is_missing.any():
+            return self._whiten_finite(samples)
+        row = np.arange(self.sd.size)
+        run_start = np.maximum.accumulate(np.where(self.correlation == 0, row, 0))
+        last_missing = np.maximum.accumulate(np.where(is_missing, row, -1), axis=-1)
+        white = self._whiten_finite(np.where(is_missing, 0.0, samples))
+        return np.where(last_missing >= run_start, np.nan, white)
+
+    def _whiten_finite(self, samples: np.ndarray) -> np.ndarray:
+        change = np.array(samples, dtype=float).reshape(-1, self.sd.size)
+        change[:, 1:] -= self.correlation[1:] * samples.reshape(change.shape)[:, :-1]
+        # One call for all runs and rows: each has less work than a call.
+        innovation, _ = _solve_triangular_band(self._band, change.T, uplo="L", diag="U", overwrite_b=True)
+        return (innovation.T / self.sd).reshape(samples.shape)
 
 
 @lru_cache(maxsize=256)
@@ -118,25 +142,17 @@ def _solve_steady_filter(ar1_fraction: float, rho: float) -> tuple[float, float]
 
 
 @lru_cache(maxsize=64)
-def _build_initial_filter(ar1_fraction: float, rho: float) -> _InitialFilter:
+def _compute_initial_sds(ar1_fraction: float, rho: float) -> np.ndarray:
+    """Return the sds of the innovations of a run's first samples, until they are steady."""
     white_fraction, p = 1 - ar1_fraction, ar1_fraction
-    steady = _solve_steady_filter(ar1_fraction, rho)[1] ** 2 - white_fraction
-    rows, sd = [np.ones(1)], [1.0]
+    steady, sd = _solve_steady_filter(ar1_fraction, rho)[1] ** 2 - white_fraction, [1.0]
     while (
         abs(p - steady) > _STEADY_STATE_TOLERANCE * max(ar1_fraction - steady, 1e-9)
         and len(sd) < _MAX_FILTER_SAMPLES
     ):
-        # The innovation is a sum over the samples up to its own.
-        gain = rho * white_fraction / (p + white_fraction)
-        row = np.append(gain * rows[-1], 1.0)
-        row[-2] -= rho
-        rows.append(row)
         p = rho**2 * p * white_fraction / (p + white_fraction) + ar1_fraction * (1 - rho**2)
         sd.append(math.sqrt(p + white_fraction))
-    matrix = np.zeros((len(sd), len(sd)))
-    for t, row in enumerate(rows):
-        matrix[t, : t + 1] = row / sd[t]
-    return _InitialFilter(matrix, np.array(sd))
+    return np.array(sd)
 
 
 def compute_correlation_error(ar1_fraction: float, correlation: float, samples: int) -> float:

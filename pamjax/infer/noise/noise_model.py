@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
 
-from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.infer.noise.ar1_filter import Ar1Noise, RunFilter
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.infer.problem.whitening import Whitening, pack_samples
 
@@ -84,6 +85,14 @@ class NoiseModel:
             part[runs[:, 0]] = True
         return np.concatenate(parts)
 
+    @cached_property
+    def _filters(self) -> tuple[RunFilter | None, ...]:
+        """Return the filter of each channel; None for uncorrelated noise."""
+        return tuple(
+            None if channel is None else channel.build_filter(runs)
+            for channel, runs in zip(self.by_channel, self.runs, strict=True)
+        )
+
     def whiten(self, values: np.ndarray) -> np.ndarray:
         """Return values divided by their sd and whitened, (…, size): force first, then diameter."""
         parts = [
@@ -95,11 +104,8 @@ class NoiseModel:
         channel, rows = self.by_channel[c], self.rows[c]
         assert channel is not None
         standardised = values[..., rows] / channel.sd[rows]
-        if channel.correlation == 0:
-            return standardised
-        # The filter restarts at each run.
-        parts = [channel.whiten(standardised[..., first:last]) for first, last in self.runs[c]]
-        return np.concatenate(parts, axis=-1)
+        channel_filter = self._filters[c]
+        return standardised if channel_filter is None else channel_filter.whiten(standardised)
 
     def standardise(self, values: np.ndarray, c: int) -> np.ndarray:
         """Return one channel over its standard deviation, (…, n), not whitened; NaN in rows not in use."""

@@ -14,6 +14,10 @@ def _root(shared, correlation, n):
     return cholesky(toeplitz(covariance), lower=True)
 
 
+def _whiten(noise, run):
+    return noise.build_filter(np.array([[0, run.shape[-1]]])).whiten(run)
+
+
 @pytest.mark.parametrize("n", [1, 2, 7, 60, 800])
 @pytest.mark.parametrize(
     ("shared", "correlation"), [(1.0, 0.9), (0.6, 0.5), (0.5, 0.95), (0.1, 0.98), (0.02, 0.9)]
@@ -22,13 +26,13 @@ def test_filter_agrees_with_the_covariance(shared, correlation, n):
     colour, root = Ar1Noise(np.ones(n), shared, correlation, True), _root(shared, correlation, n)
     run = np.random.default_rng(n).standard_normal((3, n))
     expected = solve_triangular(root, run.T, lower=True).T
-    np.testing.assert_allclose(colour.whiten(run), expected, atol=2e-3)
+    np.testing.assert_allclose(_whiten(colour, run), expected, atol=2e-3)
     assert colour.sum_log_sd(n) == pytest.approx(np.log(np.diag(root)).sum(), abs=2e-3 * (1 + n / 800))
 
 
 def test_slow_shift_of_a_short_run_has_its_correct_weight():
     n, shared, correlation = 40, 0.3, 0.97
-    shift = Ar1Noise(np.ones(n), shared, correlation, True).whiten(np.ones(n))
+    shift = _whiten(Ar1Noise(np.ones(n), shared, correlation, True), np.ones(n))
     by_covariance = solve_triangular(_root(shared, correlation, n), np.ones(n), lower=True)
     assert np.sum(shift**2) == pytest.approx(np.sum(by_covariance**2), rel=1e-3)
     # Negative control: the stationary filter from the second sample gives a much larger weight.
@@ -41,7 +45,26 @@ def test_slow_shift_of_a_short_run_has_its_correct_weight():
 
 
 def test_uncorrelated_noise_is_unchanged():
-    run = np.arange(5.0)
     for colour in (Ar1Noise(np.ones(5), 1.0, 0.0, True), Ar1Noise(np.ones(5), 0.0, 0.9, True)):
-        np.testing.assert_array_equal(colour.whiten(run), run)
+        assert colour.build_filter(np.array([[0, 5]])) is None
         assert colour.sum_log_sd(5) == 0.0
+
+
+def test_filter_restarts_at_each_run():
+    noise = Ar1Noise(np.ones(90), 0.7, 0.8, True)
+    samples = np.random.default_rng(3).standard_normal((2, 90))
+    parts = [_whiten(noise, samples[:, :50]), _whiten(noise, samples[:, 50:])]
+    runs = noise.build_filter(np.array([[0, 50], [50, 90]]))
+    np.testing.assert_allclose(runs.whiten(samples), np.concatenate(parts, axis=1), atol=1e-12)
+    # Negative control: one run of all samples has another value after the border.
+    assert np.abs(_whiten(noise, samples)[:, 50] - parts[1][:, 0]).max() > 0.1
+
+
+def test_missing_sample_is_missing_to_the_end_of_its_run():
+    noise = Ar1Noise(np.ones(90), 0.7, 0.8, True)
+    runs, samples = noise.build_filter(np.array([[0, 50], [50, 90]])), np.ones((2, 90))
+    complete = runs.whiten(samples)
+    samples[0, 20] = np.nan
+    white = runs.whiten(samples)
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(white[0])), np.arange(20, 50))
+    np.testing.assert_allclose(np.where(np.isnan(white), complete, white), complete, atol=1e-12)
