@@ -104,6 +104,8 @@ def format_headline(discrimination: Discrimination) -> str:
     """Return the result in one line."""
     if discrimination.neither_explains:
         return f"Neither {' nor '.join(discrimination.ids)} explains this recording"
+    if discrimination.is_distinguished:
+        return f"This recording already distinguishes {' from '.join(discrimination.ids)}"
     sufficient_power = DEFAULT_SETTINGS.sufficient_power
     if discrimination.chosen_experiment.power < sufficient_power:
         return f"No protocol distinguishes the mechanisms with a power of {sufficient_power:g}"
@@ -111,7 +113,7 @@ def format_headline(discrimination: Discrimination) -> str:
     return f"A protocol of {duration} distinguishes {' from '.join(discrimination.ids)}"
 
 
-def format_answer(discrimination: Discrimination) -> tuple[str, str]:
+def format_answer(discrimination: Discrimination) -> tuple[str, ...]:
     """Return the protocol with its power, and the present verdict; a misfit of both comes first."""
     is_sufficient = discrimination.chosen_experiment.power >= DEFAULT_SETTINGS.sufficient_power
     kind = "Recommended" if is_sufficient else "Most powerful"
@@ -121,15 +123,18 @@ def format_answer(discrimination: Discrimination) -> tuple[str, str]:
         f"If {discrimination.ids[0]} is present, the test selects it with probability"
         f" {_format_power(discrimination.chosen_experiment)}."
     )
+    models_text = f"{capitalise_sentence(discrimination.model_sentence)}."
     if not discrimination.neither_explains:
-        return (
+        sentences = (
             f"{kind} {protocol_text} {power_text}",
             f"{capitalise_sentence(discrimination.comparison_sentence)}.",
         )
+        return (*(sentences[::-1] if discrimination.is_distinguished else sentences), models_text)
     summary = discrimination.residual_summary
     return (
         f"{summary[:1].upper()}{summary[1:]}. Until then the test cannot select one of the two.",
         f"{kind} {protocol_text} {power_text} The power is valid only if one of the two is present.",
+        models_text,
     )
 
 
