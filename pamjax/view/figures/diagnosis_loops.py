@@ -14,7 +14,15 @@ from pamjax.diagnosis.form_errors.prediction import ModelPrediction
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.infer.problem.rms import compute_rms
 from pamjax.text import join_words
-from pamjax.view.figures.layout import Layout, add_key, build_layout, create_mark, draw_band, iterate_lines
+from pamjax.view.figures.layout import (
+    Layout,
+    add_key,
+    build_layout,
+    create_mark,
+    create_model_mark,
+    draw_band,
+    iterate_lines,
+)
 from pamjax.view.figures.mismatch_map import find_main_channel
 from pamjax.view.theme import (
     DOUBLE_COLUMN,
@@ -69,7 +77,7 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
             panels,
             row_layout,
             create_mark("measured", marker="o", ms=3),
-            create_mark("predicted", ls="-"),
+            create_model_mark("predicted", row_layout),
             *([create_mark("± 2 sd of the prediction", marker="s", ms=7, alpha=0.3)] if form else []),
         )
     return drawing

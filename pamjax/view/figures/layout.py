@@ -137,6 +137,11 @@ def create_mark(label: str, **style) -> Line2D:
     return Line2D([], [], **{"color": REFERENCE_COLOUR, "ls": "none", **style, "label": label})
 
 
+def create_model_mark(label: str, layout: Layout) -> Line2D:
+    """Return the legend entry of a model: a line, or a cross where no line connects its points."""
+    return create_mark(label, **({"ls": "-"} if layout.is_connected else {"marker": "x"}))
+
+
 def thin_points(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return indices of the first point in each cell of a grid over all points, without blanks."""
     finite_rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))

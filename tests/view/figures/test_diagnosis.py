@@ -1,8 +1,11 @@
 """Figures of a diagnosis: cells, regions, points, lines and titles for every kind of recording."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from pamjax.view.figures import diagnosis_loops
 from pamjax.view.figures.diagnosis import plot_candidates, plot_held_out_scores, plot_shifts
 from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops
 from pamjax.view.figures.diagnosis_story import plot_story
@@ -71,6 +74,20 @@ def test_loops_are_drawn_before_and_after(protocol):
     assert after.get_title("left").startswith("With braid_friction: RMS error of force ")
     errors = [float(p.get_title("left").split(" of force ")[1].removesuffix(" N")) for p in (before, after)]
     assert errors[0] > 4 * errors[1]
+
+
+@pytest.mark.parametrize("is_connected", [True, False])
+def test_legend_of_the_loops_has_the_mark_that_is_drawn(monkeypatch, is_connected):
+    select = diagnosis_loops.select_shown_groups
+    monkeypatch.setattr(
+        diagnosis_loops, "select_shown_groups", lambda d: replace(select(d), is_connected=is_connected)
+    )
+    figure = plot_loops(diagnosis())
+    entries = {h.get_label(): h for legend in figure.legends for h in legend.legend_handles}
+    drawn = select_artists(panels(figure)[0], "predicted")[0]
+    for line in (entries["predicted"], drawn):
+        assert (line.get_linestyle() == "-") == is_connected
+        assert (line.get_marker() == "x") != is_connected
 
 
 def test_residual_figure_shows_the_contribution_of_the_mechanism():
