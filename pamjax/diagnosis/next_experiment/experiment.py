@@ -13,6 +13,7 @@ import numpy as np
 from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.next_experiment.isotonic_protocols import ISOTONIC_MENU
 from pamjax.diagnosis.next_experiment.power import compute_power_and_limit
 from pamjax.diagnosis.next_experiment.protocols import PROTOCOL_MENU
 from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed, linearise_difference
@@ -125,8 +126,9 @@ def evaluate_protocols(
 ) -> list[Experiment]:
     """Return every protocol of the menu with its power to distinguish two models."""
     out, settings = [], testbed.problem.settings
-    for k, protocol in enumerate(PROTOCOL_MENU):
-        progress("simulating protocols", 0.5 + 0.5 * k / len(PROTOCOL_MENU))
+    menu = PROTOCOL_MENU if testbed.rig.load is None else ISOTONIC_MENU
+    for k, protocol in enumerate(menu):
+        progress("simulating protocols", 0.5 + 0.5 * k / len(menu))
         power, chi2_limit = compute_power_and_limit(
             *linearise_difference(testbed, protocol, fit, rival_fit),
             draws=settings.power_draws,

@@ -151,12 +151,24 @@ def _build_row(experiment: Experiment) -> list[str]:
 
 def _list_rig_rows(discrimination: Discrimination) -> list[list[str]]:
     rig = discrimination.testbed.rig
-    rows = [
-        ["highest pressure", format_quantity(rig.max_pressure, "kPa", 3)],
-        ["largest contraction", f"{rig.max_contraction:.0%}"],
-        ["speed of a stroke", f"{1e3 * rig.speed:.3g} mm/s"],
-        ["sampling interval", f"{rig.step:.3g} s"],
-        ["noise of force, per row", format_quantity(rig.force_noise, "N", 2)],
+    # An isotonic rig sets the force, and measures no force.
+    rows = (
+        [
+            ["highest pressure", format_quantity(rig.max_pressure, "kPa", 3)],
+            ["largest contraction", f"{rig.max_contraction:.0%}"],
+            ["speed of a stroke", f"{1e3 * rig.speed:.3g} mm/s"],
+            ["time between two samples", f"{rig.step:.3g} s"],
+            ["noise of force, per row", format_quantity(rig.force_noise, "N", 2)],
+        ]
+        if rig.load is None
+        else [
+            ["highest pressure", format_quantity(rig.max_pressure, "kPa", 3)],
+            ["set force", format_quantity(rig.load, "N", 3)],
+            ["speed of a pressure ramp", f"{rig.pressure_speed / 1e3:.3g} kPa/s"],
+            ["time between two samples", f"{rig.step:.3g} s"],
+        ]
+    )
+    rows += [
         ["noise of diameter, per row", format_quantity(rig.diameter_noise, "mm", 2)],
         ["noise of pressure, per row", format_quantity(rig.pressure_noise, "kPa", 2)],
         ["noise of length, per row", format_quantity(rig.length_noise, "mm", 2)],
