@@ -126,6 +126,17 @@ def test_residual_figure_shows_the_form_error():
     assert with_form.get_ydata() - without.get_ydata() == pytest.approx(2.0)
 
 
+def test_band_of_the_form_error_surrounds_its_line_on_both_ways():
+    """One area over a stroke and its way back would have no inside."""
+    (panel, *_) = panels(plot_explained_residuals(add_form_error(diagnosis())))
+    band, line = (select_artists(panel, gid)[0] for gid in ("form-error-band", "form-error"))
+    points = np.c_[line.get_xdata(), line.get_ydata()]
+    points = points[np.isfinite(points).all(axis=1)]
+    inside = np.any([path.contains_points(points, radius=1e-6) for path in band.get_paths()], axis=0)
+    assert inside.mean() > 0.9
+    assert len(band.get_paths()) > 1
+
+
 def test_scores_of_held_out_blocks_are_shown_with_their_noise():
     result = diagnosis()
     force, _ = panels(plot_held_out_scores(result))
