@@ -17,6 +17,7 @@ from pamjax.infer.fitting.identifiability import (
     find_undetermined_combinations,
     format_combination,
 )
+from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.parameters import find_meaning
 from pamjax.text import join_words
 
@@ -43,12 +44,7 @@ def format_parameters_at_limit(problem: LibraryProblem, fit: ModelFit) -> list[s
         problem: the recording and the library.
         fit: the refitted baseline with the identified mechanisms.
     """
-    at_limit = [fit.estimate.free[k] for k in find_parameters_at_limit(problem, fit.estimate)]
-    names = [
-        f"`{problem.names[k]}`"
-        for k in at_limit
-        if problem.is_baseline[k] and np.isfinite(problem.prior_sd[k])
-    ]
+    names = [f"`{problem.names[k]}`" for k in _list_stated_at_limit(problem, fit)]
     if not names:
         return []
     sd_text = "its stated sd is" if len(names) == 1 else "their stated sd are"
@@ -59,6 +55,30 @@ def format_parameters_at_limit(problem: LibraryProblem, fit: ModelFit) -> list[s
         f"{join_words(names)} reached {'its limit' if len(names) == 1 else 'their limits'} ({limit}): the"
         f" model may lack a mechanism, or {sd_text} too small."
     ]
+
+
+def describe_contradicted_values(problem: LibraryProblem, fit: ModelFit) -> list[str]:
+    """Return a sentence on each stated value of the baseline that ended at its limit.
+
+    Args:
+        problem: the recording and the library.
+        fit: the refitted baseline with the identified mechanisms.
+    """
+    sentences = []
+    for k in _list_stated_at_limit(problem, fit):
+        unit = problem.meanings[k].show
+        value = format_estimate(float(fit.estimate.values[k]), None, unit)
+        stated = format_estimate(float(problem.start[k]), float(problem.prior_sd[k]), unit)
+        sentences.append(
+            f"`{problem.names[k]}` ended at its limit, {value}. Its stated value is {stated}: check it."
+        )
+    return sentences
+
+
+def _list_stated_at_limit(problem: LibraryProblem, fit: ModelFit) -> list[int]:
+    """Return the indices of the baseline's stated parameters that are at their limits."""
+    at_limit = [fit.estimate.free[k] for k in find_parameters_at_limit(problem, fit.estimate)]
+    return [k for k in at_limit if problem.is_baseline[k] and np.isfinite(problem.prior_sd[k])]
 
 
 def format_untestable_mechanisms(problem: LibraryProblem) -> list[str]:

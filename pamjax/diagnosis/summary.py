@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.diagnosis.notes import describe_contradicted_values
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.registry import find_mechanism
 from pamjax.parameter import get_display_unit
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 #: Largest number of lines of the summary.
 MAX_SUMMARY_LINES = 25
 
+#: Largest number of contradicted stated values in the summary.
+_MAX_CONTRADICTIONS = 2
+
 #: Largest number of notes in the summary.
 _MAX_SUMMARY_NOTES = 3
 
@@ -30,6 +34,7 @@ def format_summary(diagnosis: Diagnosis) -> str:
         f" {diagnosis.problem.law} baseline",
         *_format_misfit(diagnosis),
         *(line for m in diagnosis.named_mechanisms for line in _format_mechanism(diagnosis, m)),
+        *_format_contradicted_values(diagnosis),
         *_format_unexplained_part(diagnosis),
         *_format_held_out_errors(diagnosis),
         *_format_parameter_shifts(diagnosis),
@@ -58,6 +63,12 @@ def _format_mechanism(diagnosis: Diagnosis, mechanism: NamedMechanism) -> Iterat
     if mechanism.indistinguishable:
         rivals = " and ".join(mechanism.indistinguishable)
         yield f"    this recording does not distinguish it from {rivals}"
+
+
+def _format_contradicted_values(diagnosis: Diagnosis) -> Iterator[str]:
+    sentences = describe_contradicted_values(diagnosis.problem, diagnosis.model)
+    for sentence in sentences[:_MAX_CONTRADICTIONS]:
+        yield f"  {sentence}"
 
 
 def _format_unexplained_part(diagnosis: Diagnosis) -> Iterator[str]:

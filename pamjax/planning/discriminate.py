@@ -9,32 +9,28 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from pamjax.diagnosis.detect.residual_test import is_residual_significant, run_residual_test
-from pamjax.diagnosis.detect.significance import ResidualTest
 from pamjax.diagnosis.library.candidates import MECHANISMS_NEEDING_TIME, build_candidates
-from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
+from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.next_experiment.experiment import (
     Experiment,
     choose_experiment,
     evaluate_protocols,
-    fit_best_rival,
-    fit_rival,
 )
 from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed
-from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.errors import BadInput
 from pamjax.model.registry import find_mechanism
 from pamjax.notebook import NotebookText
+from pamjax.planning.compare_pair import PairComparison, compare_pair
 from pamjax.progress import Progress, ignore_progress
 from pamjax.records.case import Case, ensure_case
 from pamjax.records.files import write_atomically
+from pamjax.text import join_words
 
 #: Largest number of protocols in a summary.
 _MAX_LISTED_PROTOCOLS = 6
@@ -47,22 +43,30 @@ class Discrimination(NotebookText):
     Attributes:
         case: the recording.
         ids: ids of the two mechanisms.
-        chi2_difference: χ² of the second minus χ² of the first on the recording.
+        mechanisms: ids of the mechanisms in both models.
+        comparison: comparison of the two on the recording.
         testbed: rig and noise estimated from the recording, for the simulation of protocols.
         experiments: every protocol with its power.
         chosen_experiment: the shortest protocol with sufficient power, else the most powerful one.
-        residual_tests: residual test of the fit with the first and with the second mechanism.
-        neither_explains: whether the residuals of both are larger than noise and typical form errors.
     """
 
     case: Case
     ids: tuple[str, str]
-    chi2_difference: float
+    mechanisms: tuple[str, ...]
+    comparison: PairComparison
     testbed: SimulatedTestbed
     experiments: tuple[Experiment, ...]
     chosen_experiment: Experiment
-    residual_tests: tuple[ResidualTest, ResidualTest]
-    neither_explains: bool
+
+    @property
+    def neither_explains(self) -> bool:
+        """Return whether the residuals of both are larger than noise and form errors."""
+        return self.comparison.neither_explains
+
+    @property
+    def is_distinguished(self) -> bool:
+        """Return whether the recording already distinguishes the two, and one of them explains it."""
+        return self.comparison.is_distinguished and not self.neither_explains
 
     @property
     def ranked_experiments(self) -> list[Experiment]:
@@ -77,12 +81,16 @@ class Discrimination(NotebookText):
             "schema": "pamjax.discrimination/1",
             "case": self.case.name,
             "mechanisms": list(self.ids),
-            "chi2_difference": self.chi2_difference,
+            "mechanisms_in_both": list(self.mechanisms),
+            "chi2_difference": self.comparison.chi2_difference,
+            "bic_difference": self.comparison.bic_difference,
+            "bic_limit": self.comparison.bic_limit,
+            "distinguished": self.comparison.is_distinguished,
             "explained": not self.neither_explains,
             "says": self.comparison_sentence,
             "residual_tests": {
                 id: {"p_value": residual_test.p_value, "rms_over_noise": math.sqrt(residual_test.mean_square)}
-                for id, residual_test in zip(self.ids, self.residual_tests, strict=True)
+                for id, residual_test in zip(self.ids, self.comparison.residual_tests, strict=True)
             },
             "next_experiment": self.chosen_experiment.as_dict(),
             "protocols": [
@@ -92,10 +100,10 @@ class Discrimination(NotebookText):
 
     def __str__(self) -> str:
         wanted_power, alarm = DEFAULT_SETTINGS.sufficient_power, DEFAULT_SETTINGS.false_alarm_rate
-        condition = "if one of them is present nevertheless" if self.neither_explains else "next experiment"
         lines = [
             f"{self.case.name}: {self.comparison_sentence}",
-            f"  {condition}: {self.chosen_experiment.protocol}",
+            f"  {self.model_sentence}",
+            f"  {self._condition}: {self.chosen_experiment.protocol}",
             f"  power {self.chosen_experiment.power:.2f} at a false-alarm rate of {alarm:.0%}"
             + (
                 "" if self.chosen_experiment.power >= wanted_power else f", below the wanted {wanted_power:g}"
@@ -114,15 +122,41 @@ class Discrimination(NotebookText):
     def comparison_sentence(self) -> str:
         """Return which mechanism fits the recording better; or that neither explains it."""
         first, second = self.ids
-        better, worse = (first, second) if self.chi2_difference > 0 else (second, first)
         if self.neither_explains:
             return f"neither {first} nor {second} explains this recording: {self.residual_summary}"
-        return f"{better} fits this recording better than {worse}, by {abs(self.chi2_difference):.3g} in χ²"
+        difference, limit = abs(self.comparison.bic_difference), self.comparison.bic_limit
+        if not self.is_distinguished:
+            return (
+                f"this recording does not distinguish {first} from {second}: their BIC differs by"
+                f" {difference:.3g}, and the limit is {limit:.3g}"
+            )
+        better, other = (first, second) if self.comparison.better == 0 else (second, first)
+        return (
+            f"{better} fits this recording better than {other}: its BIC is lower by {difference:.3g}, and the"
+            f" limit is {limit:.3g}"
+        )
+
+    @property
+    def model_sentence(self) -> str:
+        """Return which mechanisms both models have."""
+        if self.mechanisms:
+            return f"both models also have {join_words(list(self.mechanisms))}"
+        return (
+            "both models have no other mechanism; add those that a diagnosis names with `--with`, because"
+            " they change the comparison"
+        )
+
+    @property
+    def _condition(self) -> str:
+        """Return when the protocol is useful."""
+        if self.neither_explains:
+            return "if one of them is present nevertheless"
+        return "experiment to confirm this" if self.is_distinguished else "next experiment"
 
     @property
     def residual_summary(self) -> str:
         """Return the residuals of both mechanisms over the noise, and the next step."""
-        pairs = zip(self.ids, self.residual_tests, strict=True)
+        pairs = zip(self.ids, self.comparison.residual_tests, strict=True)
         residuals = ", ".join(
             f"{math.sqrt(residual_test.mean_square):.2g} with {id}" for id, residual_test in pairs
         )
@@ -139,6 +173,8 @@ def discriminate(
     first: str,
     second: str,
     progress: Progress = ignore_progress,
+    *,
+    mechanisms: Sequence[str] = (),
 ) -> Discrimination:
     """Return the protocol that best distinguishes two mechanisms on the rig of a recording.
 
@@ -146,6 +182,7 @@ def discriminate(
         case: the recording, or its folder.
         first, second: ids of the mechanisms.
         progress: called with the current step and the completed share.
+        mechanisms: ids of mechanisms in both models, such as the others that a diagnosis names.
 
     Returns:
         the `Discrimination`; `print` shows its summary.
@@ -157,63 +194,31 @@ def discriminate(
         print(pamjax.discriminate("rubbed", "braid_friction", "viscoelastic_creep"))
     """
     case = ensure_case(case)
-    for id in (first, second):
+    ids = (first, second, *mechanisms)
+    for id in ids:
         find_mechanism(id)
-    if first == second:
-        raise BadInput.from_rule(
-            "a discrimination needs two different mechanisms", f"{first!r} twice", remedy="Name another one."
-        )
+    for id in ids:
+        if ids.count(id) > 1:
+            raise BadInput.from_rule(
+                "a discrimination needs different mechanisms", f"{id!r} twice", remedy="Name another one."
+            )
     library_problem = build_library_problem(case)
     available_ids = {candidate.id for candidate in build_candidates(library_problem)}
-    for id in (first, second):
+    for id in ids:
         if id not in available_ids:
             raise _build_unavailable_error(id, case)
-    progress("fitting mechanisms", 0.1)
-    baseline = fit_baseline(library_problem)
-    first_fit = fit_mechanism(library_problem, baseline, first)
-    second_fit = fit_rival(library_problem, first_fit, first, second)
-    assert second_fit is not None
-    progress("testing residuals", 0.3)
-    residual_tests = (
-        run_residual_test(library_problem, first_fit),
-        run_residual_test(library_problem, second_fit),
-    )
-    baseline_test = run_residual_test(library_problem, baseline)
-    progress("simulating protocols", 0.5)
-    testbed = SimulatedTestbed.from_fit(library_problem, first_fit)
-    experiments = evaluate_protocols(testbed, first_fit, second_fit, (first, second))
+    comparison = compare_pair(library_problem, first, second, mechanisms, progress)
+    testbed = SimulatedTestbed.from_fit(library_problem, comparison.fits[comparison.better])
+    experiments = evaluate_protocols(testbed, *comparison.fits, (first, second), progress)
+    progress("done", 1.0)
     return Discrimination(
         case,
         (first, second),
-        second_fit.corrected_chi2 - first_fit.corrected_chi2,
+        tuple(mechanisms),
+        comparison,
         testbed,
         tuple(experiments),
         choose_experiment(experiments, library_problem.settings),
-        residual_tests,
-        all(
-            is_residual_significant(baseline_test, residual_test, library_problem.settings)
-            for residual_test in residual_tests
-        ),
-    )
-
-
-def fit_baseline(library_problem: LibraryProblem) -> ModelFit:
-    """Return the fit of the baseline model alone."""
-    return fit_model(library_problem, np.ones(library_problem.n, dtype=bool), (), library_problem.neutral)
-
-
-def fit_mechanism(library_problem: LibraryProblem, baseline: ModelFit, id: str) -> ModelFit:
-    """Return the fit of the baseline model with one mechanism in its best form."""
-    start_fit = fit_best_rival(
-        library_problem,
-        baseline,
-        [candidate for candidate in build_candidates(library_problem) if candidate.id == id],
-    )
-    return fit_model(
-        library_problem,
-        np.ones(library_problem.n, dtype=bool),
-        start_fit.mechanisms,
-        start_fit.estimate.values,
     )
 
 
@@ -222,7 +227,7 @@ def _build_unavailable_error(id: str, case: Case) -> BadInput:
         rule = f"mechanism {id!r} needs time"
         remedy = "Record strokes first: `plan` proposes runs."
         return BadInput.from_rule(rule, "a table without time", case.name, remedy)
-    rule = "both mechanisms must have an effect on the recording that its baseline does not include"
+    rule = "a mechanism must have an effect on the recording that its baseline does not include"
     return BadInput.from_rule(rule, f"{id!r} without such an effect", case.name, "Name another mechanism.")
 
 

@@ -11,6 +11,8 @@ import numpy as np
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import BadInput, suggest_word
 from pamjax.notebook import NotebookText
+from pamjax.records.checks.force_zero import check_force_zero
+from pamjax.records.checks.isotonic_units import check_isotonic_units
 from pamjax.records.checks.stuck_sensors import find_stuck_sensors
 from pamjax.records.checks.unit_errors import check_units
 from pamjax.records.files import decode_text, read_bytes
@@ -175,7 +177,10 @@ def build_case(
         muscle_toml.measures_length,
         muscle_toml.load,
     )
-    warnings += [*check_units(recording, muscle_toml, units, file), *find_stuck_sensors(recording, file)]
+    warnings += check_units(recording, muscle_toml, units, file)
+    warnings += check_isotonic_units(recording, muscle_toml, units, file)
+    warnings += check_force_zero(recording, muscle_toml, file)
+    warnings += find_stuck_sensors(recording, file)
     _check_length_below_thread(recording, muscle_toml, units.get("length", DISPLAY_UNIT["length"]), file)
     return Case(
         name=folder.resolve().name,

@@ -53,7 +53,7 @@ from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.select.neighbour_fits import shortlist_candidates
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.noise_model import NoiseModel
-from pamjax.planning.discriminate import fit_baseline, fit_mechanism
+from pamjax.planning.compare_pair import fit_baseline, fit_mechanism
 from pamjax.records.protocol import Schedule
 from tests.benchmarks.keep import arguments, keep
 from tests.benchmarks.plan import Interval

@@ -7,6 +7,7 @@ import pytest
 
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.notes import (
+    describe_contradicted_values,
     format_parameters_at_limit,
     format_unidentified_combinations,
     format_untestable_mechanisms,
@@ -45,6 +46,17 @@ def test_compensating_parameters_are_reported_together():
 
 def test_determined_parameter_is_not_reported():
     assert list_unidentified([[1e5, 0.0], [0.0, 2e4]]) == []
+
+
+def test_stated_value_at_its_limit_is_named_with_the_stated_value():
+    problem, free = build_plan_problem(), get_free()
+    values = problem.neutral.copy()
+    values[free] = 0.2512, problem.high[free[1]] - 1e-9
+    (sentence,) = describe_contradicted_values(problem, build_fit(values, free))
+    assert sentence.startswith("`muscle.turns` ended at its limit, ")
+    assert "Its stated value is 1.09" in sentence
+    values[free] = problem.start[free]
+    assert describe_contradicted_values(problem, build_fit(values, free)) == []
 
 
 def test_parameter_at_its_limit_is_reported():

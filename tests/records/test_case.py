@@ -237,7 +237,11 @@ def test_case_without_rows_near_rest_is_accepted(folder):
 
 
 def test_every_real_case_is_accepted(real_case):
-    assert real_case.warnings == ()
+    # The load cell of these two hoses has a known zero error.
+    has_zero_error = real_case.name in ("hose-10mm-281", "hose-10mm-83")
+    zero_warnings = [w for w in real_case.warnings if "zero of the load cell" in w]
+    assert real_case.warnings == tuple(zero_warnings)
+    assert len(zero_warnings) == has_zero_error
     assert real_case.recording.outliers == ()
     assert real_case.recording.usable.all()
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
+from pamjax.cli.options import Json, MechanismList, WordList
 from pamjax.cli.screen import (
     REPORT_FILE,
     check_writable,
@@ -25,14 +23,15 @@ def plan(
     *,
     goal: str | None = None,
     to: str | None = None,
-    tell: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    tell: WordList = None,
+    with_: MechanismList = None,
     minutes: float | None = None,
     law: str | None = None,
     out: Path = Path("out"),
     figures: bool = True,
     report: bool = True,
     seed: int = 0,
-    json: Annotated[bool, Parameter(negative="")] = False,
+    json: Json = False,
 ) -> None:
     """Choose the next runs on a test rig: to determine a parameter, or to distinguish two mechanisms.
 
@@ -49,6 +48,7 @@ def plan(
         to: wanted standard deviation of the goal, such as "5 %" or "4 GPa"; by default "5 %".
         tell: two mechanisms to distinguish, such as braid_friction viscous_damping, on the rig of the
             recording.
+        with_: with `--tell`: mechanisms in both models, such as the others that a diagnosis names.
         minutes: available time for all runs; by default that of the rig file, or 60.
         law: thread law; by default that of the baseline model.
         out: output folder.
@@ -86,8 +86,10 @@ def plan(
                 "`--tell` uses the rig of the recording", f"{rig.name}", remedy="Remove the rig file."
             )
         keep_compiled()
-        _discriminate(muscle, tell[0], tell[1], out, report, json)
+        _discriminate(muscle, (tell[0], tell[1]), with_ or [], out, report, json)
         return
+    if with_:
+        raise BadInput.from_rule("`--with` needs `--tell`", " ".join(with_), remedy="Remove `--with`.")
     keep_compiled()
     from pamjax.planning.plan import plan as choose_runs
     from pamjax.planning.plan import save_plan
@@ -118,11 +120,13 @@ def plan(
     print_written_files(files)
 
 
-def _discriminate(muscle: Path, first: str, second: str, out: Path, report: bool, json: bool) -> None:
+def _discriminate(
+    muscle: Path, ids: tuple[str, str], mechanisms: list[str], out: Path, report: bool, json: bool
+) -> None:
     from pamjax.planning.discriminate import discriminate, save_discrimination
 
     with show_progress(quiet=json) as progress:
-        discrimination = discriminate(muscle, first, second, progress)
+        discrimination = discriminate(muscle, *ids, progress, mechanisms=mechanisms)
     files = save_discrimination(discrimination, out)
     if report:
         from pamjax.view.reports.discrimination import write_discrimination_report

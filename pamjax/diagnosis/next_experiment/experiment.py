@@ -13,6 +13,7 @@ import numpy as np
 from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.next_experiment.isotonic_protocols import ISOTONIC_MENU
 from pamjax.diagnosis.next_experiment.power import compute_power_and_limit
 from pamjax.diagnosis.next_experiment.protocols import PROTOCOL_MENU
 from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed, linearise_difference
@@ -26,6 +27,7 @@ from pamjax.diagnosis.refit.model_fit import (
 from pamjax.diagnosis.select.neighbour_fits import refit_fully
 from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.diagnosis.settings import DiagnosisSettings
+from pamjax.progress import Progress, ignore_progress
 
 #: Shares of the linear amplitudes of a rival from which a refit starts.
 _START_AMPLITUDE_SHARES = (1.0, 0.1)
@@ -116,11 +118,17 @@ def choose_experiment(experiments: Sequence[Experiment], settings: DiagnosisSett
 
 
 def evaluate_protocols(
-    testbed: SimulatedTestbed, fit: ModelFit, rival_fit: ModelFit, ids: tuple[str, str]
+    testbed: SimulatedTestbed,
+    fit: ModelFit,
+    rival_fit: ModelFit,
+    ids: tuple[str, str],
+    progress: Progress = ignore_progress,
 ) -> list[Experiment]:
     """Return every protocol of the menu with its power to distinguish two models."""
     out, settings = [], testbed.problem.settings
-    for protocol in PROTOCOL_MENU:
+    menu = PROTOCOL_MENU if testbed.rig.load is None else ISOTONIC_MENU
+    for k, protocol in enumerate(menu):
+        progress("simulating protocols", 0.5 + 0.5 * k / len(menu))
         power, chi2_limit = compute_power_and_limit(
             *linearise_difference(testbed, protocol, fit, rival_fit),
             draws=settings.power_draws,

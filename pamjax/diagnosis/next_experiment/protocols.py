@@ -14,7 +14,7 @@ from pamjax.diagnosis.next_experiment.rig import Corner, RigLimits, sample_path
 from pamjax.records.protocol import Schedule
 
 #: Independent samples in the mean of a direct reading; more samples have correlated noise.
-_INDEPENDENT_READING_COUNT = 10
+INDEPENDENT_READING_COUNT = 10
 
 #: Standard deviation of a reference (dead weights, second gauge): share of the reading; of a gauge block: m.
 REFERENCE_SD_SHARE, GAUGE_BLOCK_SD_M = 1e-3, 2e-5
@@ -51,14 +51,15 @@ class PlannedProtocol:
         """Return at most `MAX_PROTOCOL_ROWS` samples from time `begin` on; None without a path."""
         if self.build_corners is None:
             return None
-        return sample_path(self.build_corners(rig), rig.step, self.needs_camera or rig.has_camera, begin)
+        optical = self.needs_camera or rig.has_camera
+        return sample_path(self.build_corners(rig), rig.step, optical, begin, rig.load is not None)
 
 
 def _build_start(rig: RigLimits, pressure: float, contraction: float = 0.0) -> Corner:
     return (0.0, pressure, rig.rest_length * (1 - contraction), 1)
 
 
-def _format_kpa(pressure: float) -> str:
+def format_kpa(pressure: float) -> str:
     return f"{pressure / 1e3:.3g} kPa"
 
 
@@ -131,7 +132,7 @@ def _build_repeated_low(rig: RigLimits) -> list[Corner]:
 
 
 def _read_zeros(rig: RigLimits) -> dict[str, float]:
-    root_count = _INDEPENDENT_READING_COUNT**0.5
+    root_count = INDEPENDENT_READING_COUNT**0.5
     return {
         "force_offset.offset": rig.force_noise / root_count,
         "pressure_offset.offset": rig.pressure_noise / root_count,
@@ -140,7 +141,7 @@ def _read_zeros(rig: RigLimits) -> dict[str, float]:
 
 
 def _read_bar(rig: RigLimits) -> dict[str, float]:
-    root_count = _INDEPENDENT_READING_COUNT**0.5
+    root_count = INDEPENDENT_READING_COUNT**0.5
     return {
         "rig_compliance.compliance": rig.length_noise / root_count / rig.max_force,
         "channel_lag.lag": rig.step / root_count,
@@ -150,7 +151,7 @@ def _read_bar(rig: RigLimits) -> dict[str, float]:
 
 
 def _read_references(rig: RigLimits) -> dict[str, float]:
-    root_count = _INDEPENDENT_READING_COUNT**0.5
+    root_count = INDEPENDENT_READING_COUNT**0.5
     return {
         "force_gain.gain": max(rig.force_noise / root_count / rig.max_force, REFERENCE_SD_SHARE),
         "pressure_gain.gain": max(rig.pressure_noise / root_count / rig.max_pressure, REFERENCE_SD_SHARE),
@@ -173,15 +174,15 @@ PROTOCOL_MENU = (
     PlannedProtocol(
         "X2",
         lambda rig: (
-            f"Stroke slowly at 0 and at {_format_kpa(0.05 * rig.max_pressure)} to"
-            f" {_format_kpa(0.2 * rig.max_pressure)}"
+            f"Stroke slowly at 0 and at {format_kpa(0.05 * rig.max_pressure)} to"
+            f" {format_kpa(0.2 * rig.max_pressure)}"
         ),
         _build_low_strokes,
     ),
     PlannedProtocol(
         "X3",
         lambda rig: (
-            f"Ramp the pressure to {_format_kpa(rig.max_pressure)} and back, twice, at the fixed rest length,"
+            f"Ramp the pressure to {format_kpa(rig.max_pressure)} and back, twice, at the fixed rest length,"
             f" with a photograph of the diameter every {max(rig.step, 1):.2g} s"
         ),
         _build_ramp,
@@ -190,7 +191,7 @@ PROTOCOL_MENU = (
     PlannedProtocol(
         "X4",
         lambda rig: (
-            f"Make the same stroke at {_format_kpa(0.5 * rig.max_pressure)} once, three and ten times as fast"
+            f"Make the same stroke at {format_kpa(0.5 * rig.max_pressure)} once, three and ten times as fast"
             f" ({1e3 * rig.speed:.3g} to {1e4 * rig.speed:.3g} mm/s)"
         ),
         _build_speeds,
@@ -199,7 +200,7 @@ PROTOCOL_MENU = (
         "X5",
         lambda rig: (
             f"Hold one length ({0.3 * rig.max_contraction:.0%} contracted) for 300 s at"
-            f" {_format_kpa(0.6 * rig.max_pressure)}, first after shortening, then after lengthening"
+            f" {format_kpa(0.6 * rig.max_pressure)}, first after shortening, then after lengthening"
         ),
         _build_holds,
     ),
@@ -211,7 +212,7 @@ PROTOCOL_MENU = (
     PlannedProtocol(
         "X7",
         lambda rig: (
-            f"After a night without load, stroke at decreasing pressures from {_format_kpa(rig.max_pressure)}"
+            f"After a night without load, stroke at decreasing pressures from {format_kpa(rig.max_pressure)}"
         ),
         _build_descending,
         operator_minutes=720.0,
@@ -219,7 +220,7 @@ PROTOCOL_MENU = (
     PlannedProtocol(
         "X8",
         lambda rig: (
-            f"Make the same stroke at a low pressure ({_format_kpa(0.2 * rig.max_pressure)}) before and"
+            f"Make the same stroke at a low pressure ({format_kpa(0.2 * rig.max_pressure)}) before and"
             f" after the highest pressure"
         ),
         _build_repeated_low,
@@ -246,9 +247,9 @@ PROTOCOL_MENU = (
             " caliper"
         ),
         get_direct_readings=lambda rig: {
-            "end_taper.share": rig.diameter_noise / (0.1 * rig.rest_length) / _INDEPENDENT_READING_COUNT**0.5,
+            "end_taper.share": rig.diameter_noise / (0.1 * rig.rest_length) / INDEPENDENT_READING_COUNT**0.5,
             "diameter_offset.offset": max(
-                rig.diameter_noise / _INDEPENDENT_READING_COUNT**0.5, GAUGE_BLOCK_SD_M
+                rig.diameter_noise / INDEPENDENT_READING_COUNT**0.5, GAUGE_BLOCK_SD_M
             ),
         },
         operator_minutes=15.0,

@@ -11,7 +11,8 @@ from pamjax.records.protocol import Schedule
 #: Largest number of rows of a protocol. All protocols are padded to it and use one compiled program.
 MAX_PROTOCOL_ROWS = 512
 
-#: A corner of a path: seconds from the last corner, pressure (Pa), length (m), cycle.
+#: A corner of a path: seconds from the last corner, pressure (Pa), length (m), cycle. On an isotonic rig, the
+#: set force (N) takes the place of the length.
 Corner = tuple[float, float, float, int]
 
 #: Standard deviation of a diameter from a photograph, m, if the recording has no diameters.
@@ -30,9 +31,11 @@ class RigLimits:
         step: time between samples, s.
         force_noise, diameter_noise, pressure_noise, length_noise: noise of one sample of force (N),
             diameter (m), pressure (Pa) and length (m), 1 sd.
-        max_force: largest force of the recording, N.
+        max_force: largest force of the recording, N; on an isotonic rig, a load that a muscle can lift.
         has_camera: whether the recording has diameters.
         duration: duration of the recording, s.
+        load: usual set force of an isotonic rig, N; None if the rig sets the length and measures the force.
+        pressure_speed: usual speed of a pressure ramp on an isotonic rig, Pa/s.
     """
 
     rest_length: float
@@ -47,6 +50,8 @@ class RigLimits:
     max_force: float
     has_camera: bool
     duration: float
+    load: float | None = None
+    pressure_speed: float = 0.0
 
     def build_stroke(
         self, pressure: float, deep: float, speed: float, cycle: int, top: float = 0.0
@@ -55,18 +60,32 @@ class RigLimits:
         seconds = abs(deep - top) * self.rest_length / speed
         return [(seconds, pressure, self.rest_length * (1 - c), cycle) for c in (deep, top)]
 
+    def build_pressure_ramp(
+        self, peak: float, speed_factor: float, cycle: int, load: float, base: float = 0.0
+    ) -> list[Corner]:
+        """Return the corners of a pressure ramp from `base` to `peak` and back at a set force."""
+        seconds = max(abs(peak - base) / (speed_factor * self.pressure_speed), self.step)
+        return [(seconds, peak, load, cycle), (seconds, base, load, cycle)]
 
-def sample_path(corners: list[Corner], step: float, optical: bool, begin: float = 0.0) -> Schedule:
-    """Return even samples of straight lines between corners, with at most `MAX_PROTOCOL_ROWS` rows."""
-    seconds, pressure, length, cycle = (np.array(x, dtype=float) for x in zip(*corners, strict=True))
+
+def sample_path(
+    corners: list[Corner], step: float, optical: bool, begin: float = 0.0, sets_force: bool = False
+) -> Schedule:
+    """Return even samples of straight lines between corners, with at most `MAX_PROTOCOL_ROWS` rows.
+
+    If the path sets the force, the lengths follow from the muscle, and are NaN here.
+    """
+    seconds, pressure, second, cycle = (np.array(x, dtype=float) for x in zip(*corners, strict=True))
     arrival_time = np.cumsum(seconds) - seconds[0]
     step = max(step, arrival_time[-1] / (MAX_PROTOCOL_ROWS - 1))
     time = np.arange(int(arrival_time[-1] / step) + 1) * step
     leg = np.searchsorted(arrival_time, time, side="left")
+    second_input = np.interp(time, arrival_time, second)
     return Schedule(
         time=begin + time,
         pressure=np.interp(time, arrival_time, pressure),
-        length=np.interp(time, arrival_time, length),
+        length=np.full(time.size, np.nan) if sets_force else second_input,
         cycle=cycle[np.minimum(leg, cycle.size - 1)].astype(int),
         diameter_measured=np.full(time.size, optical),
+        load=second_input if sets_force else None,
     )

@@ -9,10 +9,12 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
+from pamjax.diagnosis.crossval.solved_lengths import predict_solved
 from pamjax.diagnosis.library.library_problem import LibraryProblem, compute_program_rows
 from pamjax.diagnosis.next_experiment.power import LinearisedModel
 from pamjax.diagnosis.next_experiment.protocols import PlannedProtocol
 from pamjax.diagnosis.next_experiment.rig import CAMERA_SD_M, RigLimits
+from pamjax.diagnosis.noise.estimate import predict_dataset
 from pamjax.diagnosis.refit.least_squares import (
     UNIFORM_RANGE_SD,
     UNINFORMATIVE_PRIOR_SD,
@@ -21,12 +23,21 @@ from pamjax.diagnosis.refit.least_squares import (
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 from pamjax.infer.noise.noise_model import NoiseModel
-from pamjax.infer.noise.sensor_noise import compute_effective_sd
+from pamjax.infer.noise.sensor_noise import compute_effective_sd, compute_isotonic_variance
 from pamjax.infer.problem.dataset import build_history, build_rows
-from pamjax.infer.problem.informative_samples import estimate_starting_sd
+from pamjax.infer.problem.informative_samples import find_informative_samples, get_stated_sds
 from pamjax.records.case import Case
 from pamjax.records.protocol import Schedule
 from pamjax.records.recording import Recording
+
+#: Range of the length at a set force, in rest lengths.
+_SOLVED_LENGTH_RANGE = 0.4, 1.3
+
+#: Load that an isotonic rig can add, as a share of the ideal force at the highest pressure and rest length.
+_LOAD_SHARE = 0.2
+
+#: Usual speed of a pressure ramp if the recording has no time, Pa/s.
+_USUAL_PRESSURE_SPEED = 5e3
 
 #: Seconds between a recording and the next protocol.
 _PAUSE_BEFORE_PROTOCOL_S = 60.0
@@ -39,7 +50,8 @@ class SimulatedTestbed:
     Attributes:
         problem: the recording and the library.
         rig: limits of the rig.
-        sensor_sd: sensor noise of one sample of force (N) and of diameter (m), 1 sd.
+        sensor_sd: sensor noise of one sample of force (N), or of length (m) on an isotonic rig, and of
+            diameter (m), 1 sd.
         sd_inflation: factor on the noise for a model with systematic misfit; 1 without.
         correlations: by channel, correlation of neighbouring samples and the time between them, s.
         start_time: start of a new protocol, s.
@@ -55,18 +67,15 @@ class SimulatedTestbed:
     @classmethod
     def from_fit(cls, problem: LibraryProblem, fit: ModelFit) -> SimulatedTestbed:
         """Return the testbed of a recording and its fitted model."""
-        recording, sensors = problem.case.recording, problem.case.muscle_toml.sensors
+        recording = problem.case.recording
         step, end_time, duration = _read_clock(recording)
         channels = fit.noise.by_channel
         observed_sd = [
             CAMERA_SD_M if channel is None else fit.noise.compute_rms_sd(c)
             for c, channel in enumerate(channels)
         ]
-        stated_sd = estimate_starting_sd(problem.case)
-        sensor_sd = (
-            observed_sd[0] if sensors.force is None else stated_sd[0],
-            observed_sd[1] if sensors.diameter is None else stated_sd[1],
-        )
+        force_stated_sd, diameter_stated_sd = get_stated_sds(problem.case)
+        sensor_sd = (force_stated_sd or observed_sd[0], diameter_stated_sd or observed_sd[1])
         sd_inflation = np.sqrt(max(fit.estimate.chi2 / max(fit.noise.size, 1), 1.0))
         correlations = tuple((0.0 if c is None else c.correlation, step) for c in channels)
         return cls(
@@ -78,13 +87,27 @@ class SimulatedTestbed:
             end_time + _PAUSE_BEFORE_PROTOCOL_S,
         )
 
+    def simulate_at(self, schedule: Schedule, values: np.ndarray) -> LibraryProblem:
+        """Return the problem on a new schedule; the lengths at set forces are those at values (p,), SI."""
+        if schedule.load is None:
+            return self.simulate(schedule)
+        rest_length, recording = self.rig.rest_length, self.problem.case.recording
+        order = np.argsort(recording.pressure[recording.usable])
+        pressure, length = (x[recording.usable][order] for x in (recording.pressure, recording.length))
+        start = dataclasses.replace(schedule, length=np.interp(schedule.pressure, pressure, length))
+        solved = predict_solved(self.simulate(start), values)[0]
+        low, high = (share * rest_length for share in _SOLVED_LENGTH_RANGE)
+        return self.simulate(dataclasses.replace(schedule, length=np.clip(np.nan_to_num(solved), low, high)))
+
     def simulate(self, schedule: Schedule) -> LibraryProblem:
         """Return the problem on a new schedule; it uses the same compiled program unless it is longer."""
         problem, n = self.problem, schedule.time.size
         size = max(problem.dataset.rows.pressure.size, compute_program_rows(n))
         recording = Recording.from_arrays(
             time=schedule.time, pressure=schedule.pressure, length=schedule.length, cycle=schedule.cycle,
-            force=np.full(n, 1e3), diameter=np.where(schedule.diameter_measured, 1.0, np.nan),
+            force=np.full(n, 1e3) if schedule.load is None else schedule.load,
+            diameter=np.where(schedule.diameter_measured, 1.0, np.nan),
+            measures_length=schedule.load is not None,
         )  # fmt: skip
         case = Case(
             problem.case.name,
@@ -108,9 +131,7 @@ class SimulatedTestbed:
 
     def build_noise(self, problem: LibraryProblem, values: np.ndarray, is_measured: np.ndarray) -> NoiseModel:
         """Return the noise model of a protocol for the samples in `is_measured`, (2, n)."""
-        sd = compute_effective_sd(
-            problem.dataset, jnp.asarray(values), problem.case.muscle_toml.sensors, self.sensor_sd
-        )[:, : problem.n]
+        sd = self._compute_effective_sd(problem, values)[:, : problem.n]
         sd = self.sd_inflation * np.nan_to_num(sd, nan=1e30)
         step, _, _ = _read_clock(problem.case.recording)
         channels, rows, runs = [], [], []
@@ -128,6 +149,16 @@ class SimulatedTestbed:
                 Ar1Noise(sd[c], ar1_fraction, rho ** (step / per), True) if channel_rows.size else None
             )
         return NoiseModel(tuple(channels), tuple(rows), tuple(runs))
+
+    def _compute_effective_sd(self, problem: LibraryProblem, values: np.ndarray) -> np.ndarray:
+        """Return the noise of every sample with the propagated noise of the inputs, SI, (2, rows)."""
+        sensors = problem.case.muscle_toml.sensors
+        if self.rig.load is None:
+            return compute_effective_sd(problem.dataset, jnp.asarray(values), sensors, self.sensor_sd)
+        variance = compute_isotonic_variance(
+            problem.dataset, sensors, lambda dataset: predict_dataset(problem, dataset, values)
+        )
+        return np.sqrt(np.square(self.sensor_sd)[:, None] + variance)
 
 
 def _read_clock(recording: Recording) -> tuple[float, float, float]:
@@ -147,20 +178,36 @@ def _estimate_rig_limits(
     speed = np.abs(np.diff(length)) / step
     moving = speed[speed > 0.2 * np.max(speed, initial=0.0)]
     strokes = moving.size > 0.2 * speed.size
+    ramp_speed = np.abs(np.diff(recording.pressure[usable])) / step
+    is_isotonic = recording.measures_length
     return RigLimits(
         rest_length=rest_length,
         max_pressure=float(np.max(recording.pressure[usable])),
         max_contraction=float(max(1 - np.min(length) / rest_length, 0.05)),
         speed=float(np.median(moving)) if strokes else 1e-3,
         step=step,
-        force_noise=sensor_sd[0],
+        force_noise=(sensors.force or 0.0) if is_isotonic else sensor_sd[0],
         diameter_noise=sensor_sd[1],
         pressure_noise=sensors.pressure or 1e-3 * float(np.max(recording.pressure[usable])),
-        length_noise=sensors.length or 2e-5,
-        max_force=float(np.nanmax(recording.force, initial=10.0)),
+        length_noise=sensor_sd[0] if is_isotonic else sensors.length or 2e-5,
+        max_force=_find_max_force(recording, case),
         has_camera=bool(np.isfinite(recording.diameter).any()),
         duration=duration,
+        load=float(np.nanmedian(recording.force)) if is_isotonic else None,
+        pressure_speed=float(np.median(ramp_speed[ramp_speed > 0.2 * np.max(ramp_speed, initial=0.0)]))
+        if is_isotonic and ramp_speed.any()
+        else _USUAL_PRESSURE_SPEED,
     )
+
+
+def _find_max_force(recording: Recording, case: Case) -> float:
+    """Return the largest force, N; on an isotonic rig at least a share of the ideal force at rest."""
+    largest = float(np.nanmax(recording.force, initial=0.0 if recording.measures_length else 10.0))
+    if not recording.measures_length:
+        return largest
+    thread, turns = case.muscle_toml.braid
+    area = (3.0 * case.muscle_toml.rest_length.value**2 - thread**2) / (4.0 * np.pi * turns**2)
+    return max(largest, _LOAD_SHARE * float(np.nanmax(recording.pressure)) * area)
 
 
 def linearise_difference(
@@ -171,13 +218,17 @@ def linearise_difference(
     delta, jacobians = [], [[], []]
     schedule = protocol.build_schedule(testbed.rig, testbed.start_time)
     if schedule is not None:
-        planned_problem = testbed.simulate(schedule)
+        planned_problem = testbed.simulate_at(schedule, a.estimate.values)
         (shown_a, jacobian_a), (shown_b, jacobian_b) = (
             planned_problem.predict_with_jacobian(m.estimate.values, m.estimate.free) for m in (a, b)
         )
         is_measured = np.isfinite(shown_a) & np.isfinite(shown_b)
-        # A negative force means that the muscle is slack: such samples do not distinguish the models.
-        is_measured &= (shown_a[0] > 0) & (shown_b[0] > 0)
+        if testbed.rig.load is None:
+            # A negative force means that the muscle is slack: such samples do not distinguish the models.
+            is_measured &= (shown_a[0] > 0) & (shown_b[0] > 0)
+        else:
+            # Without pressure, the length at a set force is arbitrary.
+            is_measured &= find_informative_samples(planned_problem.case, "length")
         is_measured[1] &= schedule.diameter_measured
         noise = testbed.build_noise(planned_problem, a.estimate.values, is_measured)
         if noise.size:

@@ -31,7 +31,7 @@ def estimate_noise(
         np.isfinite(problem.measured),
         training_mask,
         compute_noise_variances(
-            problem.case, problem.dataset, values, lambda dataset: _predict_dataset(problem, dataset, values)
+            problem.case, problem.dataset, values, lambda dataset: predict_dataset(problem, dataset, values)
         ),
         tables=_estimate_table_variances(problem, training_mask),
         input_noise=propagate_input_noise(problem, values),
@@ -40,7 +40,7 @@ def estimate_noise(
     )
 
 
-def _predict_dataset(problem: LibraryProblem, dataset: Dataset, values: np.ndarray) -> np.ndarray:
+def predict_dataset(problem: LibraryProblem, dataset: Dataset, values: np.ndarray) -> np.ndarray:
     """Return both predicted channels of the problem with other inputs, (2, rows of the program), SI.
 
     Args:

@@ -42,6 +42,7 @@ def format_fit_summary(fit: Fit) -> str:
         lines += ["", *_format_case(case_fit, len(fit.cases) > 1)]
         unused_entries = describe_unused_bladder(case_fit.case.muscle_toml, fit.mechanisms)
         lines += [f"  note: {note}" for note in unused_entries]
+    lines += [f"  note: {sentence}" for sentence in describe_contradicted_values(fit)]
     if shortage := describe_fit_shortage(fit):
         lines += ["", f"  note: {shortage}"]
     return "\n".join([*lines, "", *format_minimiser_state(fit)])
@@ -51,6 +52,19 @@ def describe_fit_shortage(fit: Fit) -> str | None:
     """Return a warning if all cases have fewer samples than parameters that only they determine."""
     samples = sum(count_informative_samples(case_fit.case) for case_fit in fit.cases)
     return describe_row_shortage(samples, [e.prior_sd for e in fit.estimates.values()])
+
+
+def describe_contradicted_values(fit: Fit) -> list[str]:
+    """Return a sentence on each stated value that the fit contradicts: many sd away, or at its limit."""
+    return [
+        f"{name} is {format_estimate(e.value, None, e.meaning.show)},"
+        f" {abs(e.value - e.prior) / e.prior_sd:.1f} sd from the stated value. Check this value in"
+        " muscle.toml. If it is right, the model lacks a mechanism."
+        for name, e in fit.estimates.items()
+        if not is_length_error(name)
+        and math.isfinite(e.prior_sd)
+        and (e.at_limit or abs(e.value - e.prior) > _MAX_PRIOR_SHIFT_SD * e.prior_sd)
+    ]
 
 
 def format_estimate(value: float, sd: float | None, unit: str) -> str:

@@ -116,7 +116,7 @@ def _check_length(
             )
             raise BadInput.from_rule(rule, got, file, remedy)
         raise BadInput.from_rule(
-            rule, got, file, _suggest_remedy(ratio, _list_unit_errors("length", column_units["length"]))
+            rule, got, file, suggest_unit_remedy(ratio, list_unit_errors("length", column_units["length"]))
         )
     if abs(ratio - 1.0) > 0.15:
         return [
@@ -148,7 +148,7 @@ def _check_force(
         )
     # A factor of the pressure multiplies the ideal force, and divides the ratio.
     pressure_errors = [
-        (1.0 / factor, name) for factor, name in _list_unit_errors("pressure", column_units["pressure"])
+        (1.0 / factor, name) for factor, name in list_unit_errors("pressure", column_units["pressure"])
     ]
     has_pressure_error = np.nanmax(recording.pressure) > _MAX_USUAL_PRESSURE and any(
         ratio > 0 and abs(math.log(ratio / factor)) < _MAX_LOG_RATIO_NAMED for factor, _ in pressure_errors
@@ -158,9 +158,9 @@ def _check_force(
             f"`force` in {file} is {got}: the muscle is slack or very stiff, or a unit is wrong."
             " Check the units in the headers."
         ]
-    unit_errors = pressure_errors + _list_unit_errors("force", column_units["force"])
+    unit_errors = pressure_errors + list_unit_errors("force", column_units["force"])
     raise BadInput.from_rule(
-        "`force` and `pressure` must agree with the braid", got, file, _suggest_remedy(ratio, unit_errors)
+        "`force` and `pressure` must agree with the braid", got, file, suggest_unit_remedy(ratio, unit_errors)
     )
 
 
@@ -177,11 +177,11 @@ def _check_diameter(
     unit_errors = [
         (0.5, "a radius"),
         (math.pi, "a circumference"),
-        *_list_unit_errors("diameter", column_units["diameter"]),
+        *list_unit_errors("diameter", column_units["diameter"]),
     ]
     got = f"{ratio:.4g} times the diameter of the ideal braid"
     raise BadInput.from_rule(
-        "`diameter` must agree with the braid", got, file, _suggest_remedy(ratio, unit_errors)
+        "`diameter` must agree with the braid", got, file, suggest_unit_remedy(ratio, unit_errors)
     )
 
 
@@ -220,7 +220,7 @@ def _compute_force_area(length: np.ndarray, muscle_toml: MuscleToml) -> np.ndarr
     return (3.0 * length**2 - thread**2) / (4.0 * math.pi * turns**2)
 
 
-def _list_unit_errors(name: str, header: str) -> list[tuple[float, str]]:
+def list_unit_errors(name: str, header: str) -> list[tuple[float, str]]:
     """Return the factor and description of each possible unit error of a column."""
     confused_units = [
         unit
@@ -233,7 +233,7 @@ def _list_unit_errors(name: str, header: str) -> list[tuple[float, str]]:
     ]
 
 
-def _suggest_remedy(ratio: float, unit_errors: list[tuple[float, str]]) -> str:
+def suggest_unit_remedy(ratio: float, unit_errors: list[tuple[float, str]]) -> str:
     """Return a remedy with the most probable unit errors; without them if no factor is near the ratio."""
     check = "the entries of the braid in muscle.toml"
     log_distances = [abs(math.log(ratio / factor)) if ratio > 0 else math.inf for factor, _ in unit_errors]

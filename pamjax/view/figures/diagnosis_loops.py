@@ -7,6 +7,7 @@ import textwrap
 
 import numpy as np
 from matplotlib.axes import Axes as Panel
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
@@ -14,7 +15,16 @@ from pamjax.diagnosis.form_errors.prediction import ModelPrediction
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.infer.problem.rms import compute_rms
 from pamjax.text import join_words
-from pamjax.view.figures.layout import Layout, add_key, build_layout, create_mark, draw_band, iterate_lines
+from pamjax.view.figures.layout import (
+    Layout,
+    add_key,
+    build_layout,
+    create_mark,
+    create_model_mark,
+    draw_band,
+    fill_band,
+    iterate_lines,
+)
 from pamjax.view.figures.mismatch_map import find_main_channel
 from pamjax.view.theme import (
     DOUBLE_COLUMN,
@@ -25,6 +35,8 @@ from pamjax.view.theme import (
     create_figure,
 )
 
+#: Strength of the colour of the band of a form error, between white and the colour of its line.
+_BAND_TINT = 0.3
 #: Largest number of groups with a loop, and of measured points in each loop.
 _MAX_LOOPS, _MAX_LOOP_POINTS = 4, 120
 
@@ -69,7 +81,7 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
             panels,
             row_layout,
             create_mark("measured", marker="o", ms=3),
-            create_mark("predicted", ls="-"),
+            create_model_mark("predicted", row_layout),
             *([create_mark("± 2 sd of the prediction", marker="s", ms=7, alpha=0.3)] if form else []),
         )
     return drawing
@@ -204,7 +216,11 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
             for run in iterate_lines(diagnosis.problem.case, row_layout, k, np.isfinite(residual)):
                 for gid, contribution, sd, colour in contributions:
                     line, margin, x = contribution[run], 2 * sd[run], row_layout.x[run]
-                    panel.fill_between(x, line - margin, line + margin, color=colour, alpha=0.3, lw=0)
+                    if sd[run].any():
+                        # An opaque tint: transparent areas of repeated strokes would hide the lines.
+                        tint = 1 - _BAND_TINT * (1 - np.array(to_rgb(colour)))
+                        low, high = line - margin, line + margin
+                        fill_band(panel, x, low, high, color=tint, zorder=0.5, gid=f"{gid}-band")
                     panel.plot(x, line, color=colour, lw=1.2, zorder=3, gid=gid)
             panel.set(
                 xlabel=row_layout.xlabel,

@@ -33,6 +33,7 @@ from pamjax.view.figures.layout import (
     add_key,
     build_layout,
     create_mark,
+    create_model_mark,
     draw_band,
     iterate_lines,
     select_axes,
@@ -69,13 +70,12 @@ def plot_prediction(case_fit: CaseFit, narrow: bool = False) -> Figure:
             )
             if channel == "length":
                 _add_contraction_axis(panel, case_fit.case)
-        style = {"ls": "-"} if row_layout.is_connected else {"marker": "x"}
         add_key(
             drawing,
             panels,
             row_layout,
             create_mark("measured", marker="o", ms=3),
-            create_mark("fitted model", **style),
+            create_model_mark("fitted model", row_layout),
             *(
                 [create_mark("± 2 sd of the model", marker="s", ms=7, alpha=0.3)]
                 if case_fit.prediction_sd and row_layout.is_connected

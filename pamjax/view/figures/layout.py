@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -137,6 +138,11 @@ def create_mark(label: str, **style) -> Line2D:
     return Line2D([], [], **{"color": REFERENCE_COLOUR, "ls": "none", **style, "label": label})
 
 
+def create_model_mark(label: str, layout: Layout) -> Line2D:
+    """Return the legend entry of a model: a line, or a cross where no line connects its points."""
+    return create_mark(label, **({"ls": "-"} if layout.is_connected else {"marker": "x"}))
+
+
 def thin_points(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return indices of the first point in each cell of a grid over all points, without blanks."""
     finite_rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
@@ -193,15 +199,19 @@ def draw_band(
     for rows in iterate_lines(case, layout, group, measured_rows):
         x = layout.x[rows]
         if layout.is_connected and rows.size > 1:
-            # One area over a line that turns back would have no inside: the way back cancels the way there.
-            areas = [
-                np.vstack([np.c_[x, low[rows]][part], np.c_[x, high[rows]][part][::-1]])
-                for part in split_at_turns(x)
-            ]
-            panel.add_collection(PolyCollection(areas, alpha=0.25, lw=0, **style))
-            panel.autoscale_view()
+            fill_band(panel, x, low[rows], high[rows], alpha=0.25, **style)
         else:
             panel.vlines(x, low[rows], high[rows], alpha=0.5, lw=3, **style)
+
+
+def fill_band(panel: Axes, x: np.ndarray, low: np.ndarray, high: np.ndarray, **style: Any) -> None:
+    """Fill the range along a line, in parts that do not turn back.
+
+    One area over a line that turns back would have no inside: the way back cancels the way there.
+    """
+    areas = [np.vstack([np.c_[x, low][part], np.c_[x, high][part][::-1]]) for part in split_at_turns(x)]
+    panel.add_collection(PolyCollection(areas, lw=0, **style))
+    panel.autoscale_view()
 
 
 def split_at_turns(x: np.ndarray) -> list[slice]:

@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 import math
+import re
 import textwrap
 from collections.abc import Iterable
 from pathlib import Path
@@ -19,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
 
 from pamjax.infer.fitting.determination import DETERMINED
 from pamjax.infer.posterior.identifiability_report import COMBINATION_KIND
@@ -44,6 +46,8 @@ from pamjax.view.wording import format_signed
 
 #: Parameters in the corner plot of a phone: the most correlated ones.
 MAX_NARROW_PANELS = 4
+#: Largest number of letters in a line of a label beside a panel of the corner plot, wide and narrow.
+_MAX_LETTERS, _MAX_NARROW_LETTERS = 18, 12
 #: Number of draws that are shown as points.
 _SHOWN_DRAWS = 2000
 
@@ -66,7 +70,7 @@ def plot_corner(post: Posterior, narrow: bool = False) -> Figure:
     count = len(indices)
     with apply_theme():
         size = SINGLE_COLUMN if narrow else max(1.1 * count + 1, 4.5)
-        label_size = 6 if narrow else 7
+        label_size, letters = (6, _MAX_NARROW_LETTERS) if narrow else (7, _MAX_LETTERS)
         drawing = create_figure(size, size)
         grid = drawing.subplots(count, count, squeeze=False, sharex="col")
         for row, i in enumerate(indices):
@@ -94,21 +98,41 @@ def plot_corner(post: Posterior, narrow: bool = False) -> Figure:
                     _plot_ellipses(panel, x, y)
                     panel.set_ylim(*np.quantile(convert_to_unit(post, post.flat, i), (0.001, 0.999)))
                 if column == 0 and row:
-                    panel.set_ylabel(format_axis_label(post, i), fontsize=label_size)
+                    panel.set_ylabel(_format_corner_label(post, i, letters), fontsize=label_size)
                 elif column:
                     panel.set_yticklabels([])
                 if row == count - 1:
-                    panel.set_xlabel(format_axis_label(post, j), fontsize=label_size)
+                    panel.set_xlabel(_format_corner_label(post, j, letters), fontsize=label_size)
                 panel.tick_params(labelsize=label_size - 1)
                 panel.locator_params(nbins=3)
-                if narrow:  # horizontal labels such as 214.05 would overlap
-                    panel.tick_params("x", rotation=45)
+                # An offset such as +2.14e2 would cover the label of the axis.
+                for axis in (panel.xaxis, panel.yaxis):
+                    formatter = axis.get_major_formatter()
+                    if isinstance(formatter, ScalarFormatter):
+                        formatter.set_useOffset(False)
+                # Horizontal numbers such as 214.05 would overlap.
+                panel.tick_params("x", rotation=90 if narrow else 45)
+        drawing.align_labels()
         title = _format_strongest_correlation(post, indices)
         if len(indices) < len(all_indices):
             title += f"; {len(indices)} of {len(all_indices)} parameters"
         title = textwrap.fill(title, 46) if narrow else title
         drawing.suptitle(title, x=0.01, ha="left", fontsize=8 if narrow else None)
     return drawing
+
+
+def _format_corner_label(post: Posterior, k: int, max_letters: int) -> str:
+    """Return the name of a parameter with its unit, in lines that are as long as a panel."""
+    lines = [""]
+    for word in re.findall(r"[^._\s]+[._]?|\s", format_axis_label(post, k)):
+        if word.isspace():
+            # The group, the name and the unit of a parameter.
+            lines[-1] += "" if word == "\n" else " "
+        elif len(lines[-1]) + len(word) <= max_letters and not lines[-1].endswith("."):
+            lines[-1] += word
+        else:
+            lines.append(word)
+    return "\n".join(line.strip() for line in lines)
 
 
 def _plot_ellipses(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:

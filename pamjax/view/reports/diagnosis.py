@@ -67,6 +67,7 @@ def write_diagnosis_report(
         other_maps=[
             _draw_picture(partial(plot_map, diagnosis, c), f"map-{c}") for c in list_other_channels(diagnosis)
         ],
+        region_place="time" if diagnosis.problem.case.recording.has_time else "rows of recording.csv",
         regions=[
             region | {"percent": format_percent(region["share"])} for region in document["mismatch"]["where"]
         ],
@@ -114,12 +115,12 @@ def _draw_picture(plot, name: str, has_title: bool = True) -> Picture | None:
 
 def _build_region_row(diagnosis: Diagnosis, number: int, region: dict[str, Any]) -> list[str]:
     """Return a row of the table of regions."""
-    time_unit = "s" if diagnosis.problem.case.recording.has_time else "(row number)"
+    time_unit = " s" if diagnosis.problem.case.recording.has_time else ""
     limits = [
-        f"{low:z.0f} to {high:z.0f} {unit}"
+        f"{low:z.0f} to {high:z.0f}{unit}"
         for (low, high), unit in (
-            (region["pressure_kPa"], "kPa"),
-            ([100 * c for c in region["contraction"]], "%"),
+            (region["pressure_kPa"], " kPa"),
+            ([100 * c for c in region["contraction"]], " %"),
             (region["time_s"], time_unit),
         )
     ]

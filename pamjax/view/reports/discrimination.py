@@ -104,6 +104,8 @@ def format_headline(discrimination: Discrimination) -> str:
     """Return the result in one line."""
     if discrimination.neither_explains:
         return f"Neither {' nor '.join(discrimination.ids)} explains this recording"
+    if discrimination.is_distinguished:
+        return f"This recording already distinguishes {' from '.join(discrimination.ids)}"
     sufficient_power = DEFAULT_SETTINGS.sufficient_power
     if discrimination.chosen_experiment.power < sufficient_power:
         return f"No protocol distinguishes the mechanisms with a power of {sufficient_power:g}"
@@ -111,7 +113,7 @@ def format_headline(discrimination: Discrimination) -> str:
     return f"A protocol of {duration} distinguishes {' from '.join(discrimination.ids)}"
 
 
-def format_answer(discrimination: Discrimination) -> tuple[str, str]:
+def format_answer(discrimination: Discrimination) -> tuple[str, ...]:
     """Return the protocol with its power, and the present verdict; a misfit of both comes first."""
     is_sufficient = discrimination.chosen_experiment.power >= DEFAULT_SETTINGS.sufficient_power
     kind = "Recommended" if is_sufficient else "Most powerful"
@@ -121,15 +123,18 @@ def format_answer(discrimination: Discrimination) -> tuple[str, str]:
         f"If {discrimination.ids[0]} is present, the test selects it with probability"
         f" {_format_power(discrimination.chosen_experiment)}."
     )
+    models_text = f"{capitalise_sentence(discrimination.model_sentence)}."
     if not discrimination.neither_explains:
-        return (
+        sentences = (
             f"{kind} {protocol_text} {power_text}",
             f"{capitalise_sentence(discrimination.comparison_sentence)}.",
         )
+        return (*(sentences[::-1] if discrimination.is_distinguished else sentences), models_text)
     summary = discrimination.residual_summary
     return (
         f"{summary[:1].upper()}{summary[1:]}. Until then the test cannot select one of the two.",
         f"{kind} {protocol_text} {power_text} The power is valid only if one of the two is present.",
+        models_text,
     )
 
 
@@ -146,12 +151,24 @@ def _build_row(experiment: Experiment) -> list[str]:
 
 def _list_rig_rows(discrimination: Discrimination) -> list[list[str]]:
     rig = discrimination.testbed.rig
-    rows = [
-        ["highest pressure", format_quantity(rig.max_pressure, "kPa", 3)],
-        ["largest contraction", f"{rig.max_contraction:.0%}"],
-        ["speed of a stroke", f"{1e3 * rig.speed:.3g} mm/s"],
-        ["sampling interval", f"{rig.step:.3g} s"],
-        ["noise of force, per row", format_quantity(rig.force_noise, "N", 2)],
+    # An isotonic rig sets the force, and measures no force.
+    rows = (
+        [
+            ["highest pressure", format_quantity(rig.max_pressure, "kPa", 3)],
+            ["largest contraction", f"{rig.max_contraction:.0%}"],
+            ["speed of a stroke", f"{1e3 * rig.speed:.3g} mm/s"],
+            ["time between two samples", f"{rig.step:.3g} s"],
+            ["noise of force, per row", format_quantity(rig.force_noise, "N", 2)],
+        ]
+        if rig.load is None
+        else [
+            ["highest pressure", format_quantity(rig.max_pressure, "kPa", 3)],
+            ["set force", format_quantity(rig.load, "N", 3)],
+            ["speed of a pressure ramp", f"{rig.pressure_speed / 1e3:.3g} kPa/s"],
+            ["time between two samples", f"{rig.step:.3g} s"],
+        ]
+    )
+    rows += [
         ["noise of diameter, per row", format_quantity(rig.diameter_noise, "mm", 2)],
         ["noise of pressure, per row", format_quantity(rig.pressure_noise, "kPa", 2)],
         ["noise of length, per row", format_quantity(rig.length_noise, "mm", 2)],

@@ -19,6 +19,7 @@ from pamjax.infer.fitting.determination import (
     classify_sd_ratio,
 )
 from pamjax.infer.fitting.report import (
+    describe_contradicted_values,
     describe_fit_shortage,
     describe_origin,
     exceeds_noise,
@@ -66,7 +67,12 @@ def write_fit_report(fit: Fit, path: str | Path, command: str = "pamjax fit") ->
         "fit.html.jinja",
         title=format_headline(fit),
         kicker=f"Fit of {join_words([case_fit.case.name for case_fit in fit.cases])} · {format_model(fit)}",
-        answer=(format_agreement(fit), _format_estimates(estimates), *_describe_starts(fit)),
+        answer=(
+            format_agreement(fit),
+            _format_estimates(estimates),
+            *describe_contradicted_values(fit),
+            *_describe_starts(fit),
+        ),
         cases=[_describe_case(fit, case_fit, k) for k, case_fit in enumerate(fit.cases)],
         groups=_list_groups(fit),
         rows=[

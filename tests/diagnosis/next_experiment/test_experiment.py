@@ -18,7 +18,7 @@ from pamjax.diagnosis.next_experiment.power import LinearisedModel, compute_powe
 from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed
 from pamjax.diagnosis.refit.model_fit import fit_model, switch_on_candidate
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
-from pamjax.planning.discriminate import fit_baseline
+from pamjax.planning.compare_pair import fit_baseline
 from tests.agreement import SOLVED, agree
 from tests.diagnosis.bank import build_setup
 

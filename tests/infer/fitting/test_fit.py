@@ -18,6 +18,7 @@ from pamjax.infer.fitting.least_squares import (
     solve_least_squares,
     stack_residuals,
 )
+from pamjax.infer.fitting.report import describe_contradicted_values
 from pamjax.infer.fitting.reweight import add_whitening
 from pamjax.infer.problem.dataset import build_dataset
 from pamjax.records.reading.muscle_toml import Sensors
@@ -296,6 +297,9 @@ def test_undetermined_parameter_is_reported():
 def test_conflict_with_a_prior_is_reported():
     fitted = fit(made(off=(0, 5.0, 0)), **QUICK)
     assert "shift -5.0 sd, CONTRADICTS ITS PRIOR" in str(fitted)
+    (sentence,) = describe_contradicted_values(fitted)
+    assert "5.0 sd from the stated value. Check this value in muscle.toml." in sentence
+    assert f"note: {sentence}" in str(fitted)
 
 
 def test_padding_and_held_out_rows_have_no_effect():

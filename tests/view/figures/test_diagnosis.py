@@ -1,8 +1,11 @@
 """Figures of a diagnosis: cells, regions, points, lines and titles for every kind of recording."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from pamjax.view.figures import diagnosis_loops
 from pamjax.view.figures.diagnosis import plot_candidates, plot_held_out_scores, plot_shifts
 from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops
 from pamjax.view.figures.diagnosis_story import plot_story
@@ -73,6 +76,20 @@ def test_loops_are_drawn_before_and_after(protocol):
     assert errors[0] > 4 * errors[1]
 
 
+@pytest.mark.parametrize("is_connected", [True, False])
+def test_legend_of_the_loops_has_the_mark_that_is_drawn(monkeypatch, is_connected):
+    select = diagnosis_loops.select_shown_groups
+    monkeypatch.setattr(
+        diagnosis_loops, "select_shown_groups", lambda d: replace(select(d), is_connected=is_connected)
+    )
+    figure = plot_loops(diagnosis())
+    entries = {h.get_label(): h for legend in figure.legends for h in legend.legend_handles}
+    drawn = select_artists(panels(figure)[0], "predicted")[0]
+    for line in (entries["predicted"], drawn):
+        assert (line.get_linestyle() == "-") == is_connected
+        assert (line.get_marker() == "x") != is_connected
+
+
 def test_residual_figure_shows_the_contribution_of_the_mechanism():
     figure = plot_explained_residuals(diagnosis())
     assert [panel.get_title("left") for panel in panels(figure)] == [
@@ -107,6 +124,17 @@ def test_residual_figure_shows_the_form_error():
     (panel, *_) = panels(plot_explained_residuals(add_form_error(diagnosis())))
     without, with_form = (select_artists(panel, gid)[0] for gid in ("contribution", "form-error"))
     assert with_form.get_ydata() - without.get_ydata() == pytest.approx(2.0)
+
+
+def test_band_of_the_form_error_surrounds_its_line_on_both_ways():
+    """One area over a stroke and its way back would have no inside."""
+    (panel, *_) = panels(plot_explained_residuals(add_form_error(diagnosis())))
+    band, line = (select_artists(panel, gid)[0] for gid in ("form-error-band", "form-error"))
+    points = np.c_[line.get_xdata(), line.get_ydata()]
+    points = points[np.isfinite(points).all(axis=1)]
+    inside = np.any([path.contains_points(points, radius=1e-6) for path in band.get_paths()], axis=0)
+    assert inside.mean() > 0.9
+    assert len(band.get_paths()) > 1
 
 
 def test_scores_of_held_out_blocks_are_shown_with_their_noise():

@@ -56,8 +56,23 @@ def test_narrow_corner_plot_shows_the_most_correlated_parameters():
     figure = plot_corner(posterior(), narrow=True)
     assert len(figure.axes) == MAX_NARROW_PANELS**2
     labels = [panel.get_xlabel() for panel in figure.axes[-MAX_NARROW_PANELS:]]
-    assert labels[-2:] == ["braid_friction.\nnumber_4 [mm]", "braid_friction.\nnumber_5 [mm]"]
+    assert labels[-2:] == ["braid_\nfriction.\nnumber_4\n[mm]", "braid_\nfriction.\nnumber_5\n[mm]"]
     assert " ".join(figure.get_suptitle().split()).endswith("; 4 of 6 parameters")
+
+
+@pytest.mark.parametrize("narrow", [False, True])
+def test_labels_of_the_corner_plot_do_not_overlap(narrow):
+    """Values such as 214.12 with a small spread have no offset, and labels end at their panels."""
+    figure = plot_corner(posterior(mean=214.12, sd=2e-3), narrow)
+    figure.draw_without_rendering()
+    count = MAX_NARROW_PANELS if narrow else len(NAMES)
+    bottom, left = figure.axes[-count:], figure.axes[count::count]
+    boxes = [panel.xaxis.label.get_window_extent() for panel in bottom]
+    assert all(first.x1 <= second.x0 for first, second in pairwise(boxes))
+    boxes = [panel.yaxis.label.get_window_extent() for panel in left]
+    assert all(upper.y0 >= lower.y1 for upper, lower in pairwise(boxes))
+    assert not any(panel.xaxis.get_offset_text().get_text() for panel in bottom)
+    assert not any(panel.yaxis.get_offset_text().get_text() for panel in left)
 
 
 def test_numbers_at_the_narrow_corner_plot_do_not_overlap():
