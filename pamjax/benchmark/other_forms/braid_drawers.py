@@ -13,21 +13,12 @@ from pamjax.benchmark.other_forms.muscle import Effect
 from pamjax.benchmark.other_forms.scales import BenchScales, draw_log_uniform
 
 
-def draw_locking_contraction(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
-    """Return locking above a contraction U(0.6, 0.85) of the largest, with exponent U(1, 3)."""
-    return _build_locking("contraction", s, s.max_contraction * rng.uniform(0.6, 0.85), rng, side=1)
-
-
 def draw_locking_extension(rng: np.random.Generator, s: BenchScales) -> DrawnForm:
     """Return locking below a contraction U(0.1, 0.35) of the largest, with exponent U(1, 3)."""
-    return _build_locking("extension", s, s.max_contraction * rng.uniform(0.1, 0.35), rng, side=-1)
-
-
-def _build_locking(form: str, s: BenchScales, start: float, rng: np.random.Generator, side: int) -> DrawnForm:
-    exponent = rng.uniform(1.0, 3.0)
+    start, exponent = s.max_contraction * rng.uniform(0.1, 0.35), rng.uniform(1.0, 3.0)
     return DrawnForm(
-        "braid_locking", form, "stiffness", 1e9,
-        lambda a: Effect(energy=braid_forms.lock_contraction(s.braid, a, start, exponent, side)),
+        "braid_locking", "extension", "stiffness", 1e9,
+        lambda a: Effect(energy=braid_forms.lock_extension(s.braid, a, start, exponent)),
         {"start": start, "exponent": exponent},
     )  # fmt: skip
 

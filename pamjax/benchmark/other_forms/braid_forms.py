@@ -7,16 +7,17 @@ import numpy as np
 from pamjax.benchmark.other_forms.muscle import Effect, Energy, TrueBraid
 
 
-def lock_contraction(braid: TrueBraid, stiffness: float, start: float, exponent: float, side: int) -> Energy:
-    """Return W = K l/(m + 1) ⟨±(x − x0)⟩^(m+1), x = 1 − L/l: a braid that locks past a contraction.
+def lock_extension(braid: TrueBraid, stiffness: float, start: float, exponent: float) -> Energy:
+    """Return W = K l/(m + 1) ⟨x0 − x⟩^(m+1), x = 1 − L/l: a braid that locks in the stretched muscle.
 
-    K in N, l the rest length. The force is −K⟨x − x0⟩^m past a contraction (side 1), and K⟨x0 − x⟩^m past
-    an extension (side −1). Zero before x0. The fit has an overlap of threads instead.
+    K in N, l the rest length. The force is K⟨x0 − x⟩^m below the contraction x0, and zero above it. The fit
+    has an overlap of threads instead. A force that begins above a contraction is no form of locking here: it
+    has the equation of a stop in the way, which is outside the library.
     Source: packing of the braid at the ends of the stroke; exponent 1 (linear) to 3 (compaction).
     """
 
     def compute_energy(length: np.ndarray, thread: np.ndarray) -> np.ndarray:
-        past = np.maximum(side * (1 - length / braid.rest_length - start), 0.0)
+        past = np.maximum(start - (1 - length / braid.rest_length), 0.0)
         return stiffness * braid.rest_length / (exponent + 1) * past ** (exponent + 1)
 
     return compute_energy

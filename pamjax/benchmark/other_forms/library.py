@@ -299,11 +299,7 @@ OTHER_FORMS: dict[str, tuple[FormDrawer, ...]] = {
     "viscoelastic_creep": (_draw_fractional, _draw_kohlrausch),
     "bladder_elasticity": (_draw_yeoh, _draw_ogden, _draw_gent),
     "mullins_softening": (_draw_exponential_softening, _draw_travel_softening),
-    "braid_locking": (
-        braid_drawers.draw_locking_contraction,
-        braid_drawers.draw_locking_extension,
-        braid_drawers.draw_locking_angle,
-    ),
+    "braid_locking": (braid_drawers.draw_locking_extension, braid_drawers.draw_locking_angle),
     "end_taper": (braid_drawers.draw_cone, braid_drawers.draw_clamp, braid_drawers.draw_parabola),
     "thread_crimp": (braid_drawers.draw_crimp_corner, braid_drawers.draw_crimp_recruitment),
     "braid_elasticity": (braid_drawers.draw_power_stretch,),
