@@ -74,7 +74,8 @@ class Bench(eqx.Module):
     Without mechanisms it is the ideal inelastic cylinder. Mechanisms of one kind are applied in order.
 
     A compiled program for many mechanisms spends most of its time on those that are switched off. With
-    `acting`, it computes an expensive mechanism only if it acts.
+    `acting`, it computes an expensive mechanism only if it acts. The others must have their neutral values:
+    inexpensive ones are always computed.
     """
 
     thread_length: Scalar = parameter(
@@ -121,6 +122,7 @@ class Bench(eqx.Module):
 
     def prepare(self) -> Bench:
         """Return the same bench with the quantities that all states share computed."""
+        # Only the table of a shape is expensive.
         mechanisms = tuple(
             self._compute_if_acting(m, m.prepare, self.thread_length, self.turns)
             if isinstance(m, AbstractShape)
