@@ -43,7 +43,7 @@ def recording(seed: int) -> Measured:
     true = 3.0 * np.sin(np.linspace(0, 20 * np.pi, ROWS))
     late = (1 - LATE) * true + LATE * np.roll(true, 1)
     written = Spring(Set(jnp.ones(ROWS), jnp.asarray(true + NOISE * rng.standard_normal(ROWS))))
-    problem = Measured(written, written, build_case(NOISE))
+    problem = Measured(written, build_case(NOISE))
     return dataclasses.replace(
         problem, measured=np.stack([STIFF * late + SD * rng.standard_normal(ROWS), np.zeros(ROWS)])
     )
