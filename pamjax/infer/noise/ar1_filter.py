@@ -66,7 +66,8 @@ class Ar1Noise:
             return None
         lengths = runs[:, 1] - runs[:, 0]
         feedback, sd = self.compute_coefficients(int(lengths.max(initial=0)))
-        sample = np.concatenate([np.arange(length) for length in lengths])
+        # The number of each sample in its run; none if the channel has no rows in use.
+        sample = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
         return RunFilter(np.where(sample == 0, 0.0, self.correlation), feedback[sample], sd[sample])
 
     def compute_coefficients(self, samples: int) -> tuple[np.ndarray, np.ndarray]:

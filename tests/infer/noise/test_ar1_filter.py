@@ -5,6 +5,7 @@ import pytest
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 
 from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.infer.noise.noise_model import NoiseModel
 
 
 def _root(shared, correlation, n):
@@ -68,3 +69,13 @@ def test_missing_sample_is_missing_to_the_end_of_its_run():
     white = runs.whiten(samples)
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(white[0])), np.arange(20, 50))
     np.testing.assert_allclose(np.where(np.isnan(white), complete, white), complete, atol=1e-12)
+
+
+def test_channel_without_rows_is_left_out():
+    channel = Ar1Noise(np.ones(9), 0.7, 0.8, True)
+    rows, runs = np.arange(9), np.array([[0, 9]])
+    force_alone = NoiseModel((channel, channel), (rows, rows[:0]), (runs, runs[:0]))
+    values = np.random.default_rng(3).standard_normal((2, 9))
+    np.testing.assert_allclose(force_alone.whiten(values), _whiten(channel, values[0]), atol=1e-12)
+    # No derivatives, as for a model without free parameters.
+    assert force_alone.whiten(np.empty((0, 2, 9))).shape == (0, 9)
