@@ -123,6 +123,9 @@ class RunFilter:
         return np.where(last_missing >= run_start, np.nan, white)
 
     def _whiten_finite(self, samples: np.ndarray) -> np.ndarray:
+        # Without samples, LAPACK would write to memory that is not its own.
+        if not samples.size:
+            return np.zeros(samples.shape)
         change = np.array(samples, dtype=float).reshape(-1, self.sd.size)
         change[:, 1:] -= self.correlation[1:] * samples.reshape(change.shape)[:, :-1]
         # One call for all runs and rows: each has less work than a call.
