@@ -12,6 +12,9 @@ therefore evaluated at several parameter vectors drawn from the prior.
 
 Samples are equilibria of the muscle without rubber, tapered ends and mechanisms with memory.
 
+On an isotonic rig, the force F is set and the length L is measured. At the solved length, a derivative of L
+is that of F divided by −K, with the stiffness K = ∂F/∂L. The length depends on the parameters.
+
 If muscle.toml states one error for each set length, each length of the runs has one error parameter, common
 to all runs at this length. All strokes share another one, as in a fit.
 """
@@ -29,9 +32,11 @@ import numpy as np
 from jaxtyping import Array
 
 from pamjax.infer.problem.dataset import Dataset, build_dataset
+from pamjax.infer.problem.informative_samples import find_informative_samples
 from pamjax.infer.problem.parameter_space import FreeParameter, ParameterSpace, build_space
 from pamjax.infer.problem.priors import is_length_error
 from pamjax.jit import compile_on_call
+from pamjax.model.isotonic import MIN_STIFFNESS, solve_lengths
 from pamjax.planning.rig_capabilities import RigCapabilities
 from pamjax.planning.runs import PlannedRun, compute_fixed_lengths
 from pamjax.records.case import Case
@@ -126,16 +131,17 @@ class PriorInformation:
         error_slopes = self._compute_error_slopes(input_slopes, readings, np.asarray(rows.pressure)[:n])
         length_slopes = self._compute_length_error_slopes(input_slopes[1], length_level)
         slopes = np.concatenate([slopes, error_slopes, length_slopes])
-        noise = [x**2 if x else math.inf for x in (self.capabilities.force_sd, self.capabilities.diameter_sd)]
-        input_variance = (self.capabilities.pressure_sd * input_slopes[0]) ** 2 + (
-            self.capabilities.length_sd * input_slopes[1]
-        ) ** 2
-        variance = np.array(noise)[:, None] + input_variance
+        if self.capabilities.measures_length:
+            slopes, variance = self._convert_to_length(slopes, input_slopes)
+            is_loaded = find_informative_samples(case, "length")
+        else:
+            variance = self._compute_variance(input_slopes)
+            is_loaded = readings[0] > 0
         # Samples of a slack muscle or without equilibrium have no information.
-        informative = np.isfinite(variance) & np.isfinite(slopes).all(axis=0) & (readings[0] > 0)
+        informative = np.isfinite(variance) & np.isfinite(slopes).all(axis=0) & is_loaded
         # The misfit of the existing recording is expected in the next runs too.
         misfit_variance = np.array(
-            [max(self.misfit_ratios.get(c, 1.0), 1.0) ** 2 for c in ("force", "diameter")]
+            [max(self.misfit_ratios.get(c, 1.0), 1.0) ** 2 for c in self.capabilities.model_channels]
         )
         weight = np.where(
             informative,
@@ -151,6 +157,30 @@ class PriorInformation:
                 "icn,jcn,cn->ij", labelled_slopes, labelled_slopes, weight[:, label == k]
             )
         return information
+
+    def _compute_variance(self, input_slopes: np.ndarray) -> np.ndarray:
+        """Return the variance of force and diameter, SI, (2, n), with the noise of pressure and length."""
+        noise = [x**2 if x else math.inf for x in (self.capabilities.force_sd, self.capabilities.diameter_sd)]
+        input_variance = (self.capabilities.pressure_sd * input_slopes[0]) ** 2 + (
+            self.capabilities.length_sd * input_slopes[1]
+        ) ** 2
+        return np.array(noise)[:, None] + input_variance
+
+    def _convert_to_length(
+        self, slopes: np.ndarray, input_slopes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the derivatives of length and diameter at a set force, and their variance, (2, n), SI.
+
+        Args:
+            slopes: (p, 2, n) derivatives of force and diameter by every parameter.
+            input_slopes: (2, 2, n) the same by pressure and by length.
+        """
+        rig, stiffness = self.capabilities, np.maximum(input_slopes[1, 0], MIN_STIFFNESS)
+        to_length = np.stack([-1 / stiffness, np.ones_like(stiffness)])
+        length_variance = rig.length_sd**2 + ((rig.force_sd or 0.0) / stiffness) ** 2
+        diameter_variance = (rig.diameter_sd or math.inf) ** 2 + (rig.length_sd * input_slopes[1, 1]) ** 2
+        variance = np.stack([length_variance, diameter_variance])
+        return slopes * to_length, variance + (rig.pressure_sd * input_slopes[0] * to_length) ** 2
 
     def _compute_error_slopes(
         self, input_slopes: np.ndarray, readings: np.ndarray, pressure: np.ndarray
@@ -194,7 +224,7 @@ class PriorInformation:
         if label.size:
             length_level = self.find_length_levels(runs)[label]
             information = self.compute_information(
-                self.build_case(thinned_runs), label, len(runs), values, length_level
+                self.build_case(thinned_runs, values), label, len(runs), values, length_level
             )
         for k, run in enumerate(runs):
             information[k] *= run.pressure.size / max(thinned_runs[k].pressure.size, 1)
@@ -204,11 +234,38 @@ class PriorInformation:
                     information[k, i, i] += (self.scale[i] / sd) ** 2
         return information
 
-    def build_case(self, runs: Sequence[PlannedRun]) -> Case:
-        """Return runs as a recording without measured values."""
+    def build_case(self, runs: Sequence[PlannedRun], values: np.ndarray) -> Case:
+        """Return runs as a recording without measured values.
+
+        Isotonic lengths are those at the parameter values (p,), SI.
+        """
         pressure = np.concatenate([run.pressure for run in runs])
         length = np.concatenate([run.length for run in runs])
-        return build_placeholder_case(self.muscle_toml, pressure, length)
+        loads = [run.load for run in runs if run.load is not None]
+        if not loads:
+            return build_placeholder_case(self.muscle_toml, pressure, length)
+        return self._solve_lengths(pressure, np.concatenate(loads), values)
+
+    def _solve_lengths(self, pressure: np.ndarray, load: np.ndarray, values: np.ndarray) -> Case:
+        """Return an isotonic recording; the set force is NaN where the muscle cannot lift it.
+
+        These rows have no information: the muscle is vented, or the load stretches it beyond its rest length.
+        """
+        rest_length, count = self.muscle_toml.rest_length.value, len(self.muscle_indices)
+        case = build_placeholder_case(self.muscle_toml, pressure, np.full(pressure.size, rest_length), load)
+        dataset = build_dataset(case, self.law, build_space(self.free_parameters[:count]), {})
+        is_inflated = find_informative_samples(case, "length")
+        reading, is_solved = solve_lengths(
+            dataset.build_muscle(jnp.asarray(values[:count])),
+            jnp.where(is_inflated, pressure, np.max(pressure)),
+            jnp.asarray(case.recording.length),
+            jnp.asarray(load),
+            dataset.history,
+        )
+        length = np.asarray(reading.length)
+        is_lifted = is_inflated & np.asarray(is_solved) & (length <= rest_length)
+        length, load = np.where(is_lifted, length, rest_length), np.where(is_lifted, load, np.nan)
+        return build_placeholder_case(self.muscle_toml, pressure, length, load)
 
 
 def _remove_length_errors(case: Case) -> Case:
@@ -217,10 +274,14 @@ def _remove_length_errors(case: Case) -> Case:
     return replace(case, muscle_toml=replace(case.muscle_toml, sensors=sensors))
 
 
-def build_placeholder_case(muscle_toml: MuscleToml, pressure: np.ndarray, length: np.ndarray) -> Case:
-    """Return pressures and lengths as a case, with a placeholder value of force."""
-    force = np.full(pressure.size, 1e3)
-    recording = Recording.from_arrays(pressure=pressure, length=length, force=force)
+def build_placeholder_case(
+    muscle_toml: MuscleToml, pressure: np.ndarray, length: np.ndarray, load: np.ndarray | None = None
+) -> Case:
+    """Return pressures and lengths as a case, with the set force or a placeholder value of force."""
+    force = np.full(pressure.size, 1e3) if load is None else load
+    recording = Recording.from_arrays(
+        pressure=pressure, length=length, force=force, measures_length=load is not None
+    )
     return Case("plan", Path(), muscle_toml, recording, "")
 
 

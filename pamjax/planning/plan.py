@@ -16,6 +16,7 @@ from pamjax.errors import BadInput, check_minimum, suggest_word
 from pamjax.model.parameters import find_meaning
 from pamjax.notebook import NotebookText
 from pamjax.planning.information import PriorInformation
+from pamjax.planning.isotonic_runs import build_pressure_ramp, list_isotonic_runs
 from pamjax.planning.optimal_design import RunMenu, build_variance_criterion, build_volume_criterion
 from pamjax.planning.prior_information import build_prior_information, list_muscle_parameters
 from pamjax.planning.rig_capabilities import RigCapabilities, read_capabilities
@@ -55,7 +56,8 @@ class Plan(DrawableResult, NotebookText):
         reaches_goal: whether the plan is expected to reach the goal.
         single_channel: for each of several channels, the standard deviation of the goal (SI) and the duration
             (min) of the best plan with this channel only.
-        isobars_sd: standard deviation of the goal after ten isobars in the same time, SI.
+        usual_sd: standard deviation of the goal after the usual protocol in the same time, SI: ten isobars,
+            or pressure ramps at the smallest set force of an isotonic rig.
     """
 
     prior: PriorInformation
@@ -66,7 +68,7 @@ class Plan(DrawableResult, NotebookText):
     expected_sds: dict[str, ExpectedSd]
     reaches_goal: bool
     single_channel: dict[str, tuple[float, float]]
-    isobars_sd: float
+    usual_sd: float
 
     @property
     def rows(self) -> int:
@@ -81,20 +83,14 @@ class Plan(DrawableResult, NotebookText):
         ].expected_sd
 
     def schedule(self) -> pd.DataFrame:
-        """Return the table of pressure and length to command, with the run of each sample."""
+        """Return the table of pressure and length, or set force, to command, with the run of each sample."""
         recorded_runs = [run for count, run in self.chosen_runs for _ in range(count) if run.pressure.size]
         step, start_time, tables = 1 / self.prior.capabilities.rate, 0.0, []
         for k, run in enumerate(recorded_runs, 1):
-            tables.append(
-                pd.DataFrame(
-                    {
-                        "time [s]": start_time + step * np.arange(run.pressure.size),
-                        "pressure [kPa]": run.pressure / 1e3,
-                        "length [mm]": run.length * 1e3,
-                        "cycle": k,
-                    }
-                )
-            )
+            second = {"length [mm]": run.length * 1e3} if run.load is None else {"force [N]": run.load}
+            time = start_time + step * np.arange(run.pressure.size)
+            table = {"time [s]": time, "pressure [kPa]": run.pressure / 1e3, **second, "cycle": k}
+            tables.append(pd.DataFrame(table))
             start_time += 60 * run.minutes
         return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
@@ -113,6 +109,7 @@ class Plan(DrawableResult, NotebookText):
 
         from pamjax.planning.report import format_plan_sentence
 
+        isotonic = self.prior.capabilities.measures_length
         scale = 1.0 if self.goal == ALL_PARAMETERS else compute_si_factor(find_meaning(self.goal).show)
         return {
             "schema": "pamjax.plan/2",
@@ -129,7 +126,7 @@ class Plan(DrawableResult, NotebookText):
             "single_channels": {
                 c: {"sd": sd / scale, "minutes": m} for c, (sd, m) in self.single_channel.items()
             },
-            "ten_isobars_in_the_same_time": {"sd": self.isobars_sd / scale},
+            f"{'ramps' if isotonic else 'ten_isobars'}_in_the_same_time": {"sd": self.usual_sd / scale},
             "misfit_over_noise": dict(self.prior.misfit_ratios),
             "assumed_sds": dict(self.prior.capabilities.assumed_sds),
         }
@@ -180,8 +177,11 @@ def plan(
     limits_of_recording: dict[str, Any] = (
         {"max_recorded_pressure": _find_highest_pressure(case)} if case else {}
     )
-    if case and not case.recording.measures_length:
+    if case:
         limits_of_recording["recorded_channels"] = case.recording.channels
+        if case.recording.measures_length:
+            force = case.recording.force
+            limits_of_recording["recorded_loads"] = float(np.nanmin(force)), float(np.nanmax(force))
     capabilities = (
         rig
         if isinstance(rig, RigCapabilities)
@@ -197,7 +197,8 @@ def plan(
     total_minutes = float(counts @ run_menu.minutes)
     single_channel = {}
     if len(capabilities.channels) > 1 and goal != ALL_PARAMETERS:
-        for channel in capabilities.channels:
+        # An isotonic rig always measures the length.
+        for channel in capabilities.channels[: 1 if capabilities.measures_length else None]:
             channel_prior = build_prior_information(
                 muscle_toml, capabilities.keep_channel(channel), law, case
             )
@@ -209,7 +210,7 @@ def plan(
                 ],
                 float(best @ channel_menu.minutes),
             )
-    isobar_sds = _compute_isobar_sds(prior, run_menu, total_minutes)
+    usual_sds = _compute_usual_sds(prior, run_menu, total_minutes)
     indices = (
         prior.muscle_indices
         if goal == ALL_PARAMETERS
@@ -230,7 +231,7 @@ def plan(
         },
         reaches_goal=bool(run_menu.compute_criterion(counts) <= run_menu.goal) if target_sd else True,
         single_channel=single_channel,
-        isobars_sd=float(isobar_sds[indices[0]]),
+        usual_sd=float(usual_sds[indices[0]]),
     )
 
 
@@ -242,7 +243,7 @@ def _find_highest_pressure(case: Case) -> float:
 def _build_menu(
     prior: PriorInformation, goal: str, target_sd: float, seed: int
 ) -> tuple[RunMenu, list[PlannedRun]]:
-    offered_runs = list_runs(prior.capabilities, prior.muscle_toml.rest_length.value)
+    offered_runs = _list_offered_runs(prior)
     shortest = min(run.minutes for run in offered_runs if run.pressure.size)
     if prior.capabilities.minutes < shortest:
         rule = f"the shortest run of this rig takes {shortest:.2g} min"
@@ -264,24 +265,34 @@ def _build_menu(
     ), offered_runs
 
 
+def _list_offered_runs(prior: PriorInformation) -> list[PlannedRun]:
+    if prior.capabilities.measures_length:
+        return list_isotonic_runs(prior.capabilities)
+    return list_runs(prior.capabilities, prior.muscle_toml.rest_length.value)
+
+
 def _compute_sds(prior: PriorInformation, information: np.ndarray) -> np.ndarray:
     """Return (p,) expected standard deviations, SI: roots of the mean variances over the draws."""
     variance = np.diagonal(np.linalg.inv(information), axis1=-2, axis2=-1).mean(axis=0)
     return np.sqrt(variance) * prior.scale
 
 
-def _compute_isobar_sds(prior: PriorInformation, run_menu: RunMenu, minutes: float) -> np.ndarray:
-    """Return (p,) standard deviations after ten isobars, scaled to the same total time, SI."""
-    isobar_runs = list_isobars(prior.capabilities, prior.muscle_toml.rest_length.value)
-    distinct_runs = isobar_runs[::ISOBAR_CYCLES]
-    run_matrices = ISOBAR_CYCLES * np.stack(
-        [
-            prior.compute_run_information(distinct_runs, values).sum(axis=0)
-            for values in prior.draw_parameters()
-        ]
+def _compute_usual_sds(prior: PriorInformation, run_menu: RunMenu, minutes: float) -> np.ndarray:
+    """Return (p,) standard deviations after the usual protocol, scaled to the same total time, SI."""
+    usual_runs = _list_usual_runs(prior)
+    run_matrices = np.stack(
+        [prior.compute_run_information(usual_runs, values).sum(axis=0) for values in prior.draw_parameters()]
     )
-    share = minutes / sum(run.minutes for run in isobar_runs)
+    share = minutes / sum(run.minutes for run in usual_runs)
     return _compute_sds(prior, run_menu.prior_matrix + share * run_matrices)
+
+
+def _list_usual_runs(prior: PriorInformation) -> list[PlannedRun]:
+    """Return one cycle of ten isobars; on an isotonic rig, a pressure ramp at the smallest set force."""
+    if prior.capabilities.measures_length:
+        return [build_pressure_ramp(prior.capabilities, prior.capabilities.loads[0])]
+    isobar_runs = list_isobars(prior.capabilities, prior.muscle_toml.rest_length.value)
+    return isobar_runs[::ISOBAR_CYCLES]
 
 
 def _resolve_goal(own_names: list[str], goal: str | None) -> str:

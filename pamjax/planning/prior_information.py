@@ -70,8 +70,9 @@ def list_muscle_parameters(
         BadInput: if the model has no free parameter.
     """
     law = law or muscle_toml.baseline
+    load = np.zeros(2) if muscle_toml.measures_length else None
     bare_case = case or build_placeholder_case(
-        muscle_toml, np.array([0.0, 1e5]), np.full(2, muscle_toml.rest_length.value)
+        muscle_toml, np.array([0.0, 1e5]), np.full(2, muscle_toml.rest_length.value), load
     )
     build_joint_space([bare_case], law, ())
     return [n for n in list_free_parameters(bare_case, law) if not is_length_error(n.name)]
@@ -132,7 +133,18 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
         measured = np.asarray(solution.information) / np.outer(slope, slope) * np.outer(scale, scale)
         updated_matrix = prior_information.matrix.copy()
         updated_matrix[:muscle_count, :muscle_count] += measured
-        return replace(prior_information, mean=values, matrix=updated_matrix)
+        capabilities, length_noise = prior_information.capabilities, noise["length"]
+        if not length_noise.is_known:
+            # Without a stated noise, the next runs have the residual of the recording.
+            length_sd = max(capabilities.length_sd, length_noise.sd)
+            capabilities = replace(capabilities, length_sd=length_sd)
+        return replace(
+            prior_information,
+            capabilities=capabilities,
+            mean=values,
+            matrix=updated_matrix,
+            misfit_ratios={c: channel_noise.rms_over_noise for c, channel_noise in noise.items()},
+        )
     label, matrix = np.zeros(case.recording.n, dtype=int), recorded_information.matrix
     for channel, channel_noise in noise.items():
         # Without a stated noise, use the larger of the residual and the default.

@@ -41,11 +41,21 @@ def format_plan_summary(plan: Plan) -> str:
 
 def _format_rig(capabilities: RigCapabilities) -> str:
     """Return the limits, the speed and the sampling rate of the rig."""
+    if capabilities.measures_length:
+        return (
+            f"up to {format_quantity(capabilities.max_pressure, 'kPa', 3)}, set forces of"
+            f" {format_loads(capabilities)}, sampling rate {capabilities.rate:.3g} Hz"
+        )
     limits = (
         f"up to {format_quantity(capabilities.max_pressure, 'kPa', 3)} and"
         f" {capabilities.max_contraction:.0%} contraction"
     )
     return f"{limits}, {1e3 * capabilities.speed:.3g} mm/s, sampling rate {capabilities.rate:.3g} Hz"
+
+
+def format_loads(capabilities: RigCapabilities) -> str:
+    """Return the set forces of an isotonic rig."""
+    return ", ".join(f"{load:.3g}" for load in capabilities.loads) + " N"
 
 
 def format_misfit(plan: Plan) -> str:
@@ -68,6 +78,8 @@ def format_neglected(plan: Plan) -> str:
         "" if plan.prior.capabilities.correlation_time > 0 else "; samples are treated as independent"
     )
     sentence = "rubber, friction and tapered ends are neglected, and their uncertainty is not included"
+    if plan.prior.capabilities.measures_length:
+        sentence += "; rubber changes the contraction without a load most"
     return sentence + independence
 
 
@@ -132,7 +144,7 @@ def _format_expected_sd(name: str, expected: ExpectedSd) -> str:
 
 def format_simpler_protocols(plan: Plan) -> list[str]:
     """Return the precision of simpler protocols; an empty list if no measurement is needed."""
-    return [*format_single_channel(plan), format_isobars(plan)] if plan.chosen_runs else []
+    return [*format_single_channel(plan), format_usual_protocol(plan)] if plan.chosen_runs else []
 
 
 def format_single_channel(plan: Plan) -> list[str]:
@@ -147,20 +159,21 @@ def format_single_channel(plan: Plan) -> list[str]:
     return sentences
 
 
-def format_isobars(plan: Plan) -> str:
-    """Return the precision of ten isobars in the same time, compared with the plan."""
+def format_usual_protocol(plan: Plan) -> str:
+    """Return the precision of the usual protocol in the same time, compared with the plan."""
+    capabilities = plan.prior.capabilities
+    protocol = "ten isobars in the same time"
+    if capabilities.measures_length:
+        protocol = f"pressure ramps at {capabilities.loads[0]:.3g} N in the same time"
     first = next(iter(plan.expected_sds))
     unit, plan_sd = find_meaning(first).show, plan.expected_sds[first].expected_sd
-    sd_text, sd_ratio = f"± {format_quantity(plan.isobars_sd, unit, 2)}", plan.isobars_sd / plan_sd
+    sd_text, sd_ratio = f"± {format_quantity(plan.usual_sd, unit, 2)}", plan.usual_sd / plan_sd
     if sd_ratio < _LESS_SD_RATIO:
         # The isobars may have any duration; a plan has complete runs only.
         is_shortest = plan.target_sd and plan.reaches_goal
         shortest_text = "; of complete runs, this plan is the shortest found" if is_shortest else ""
         return (
-            f"ten isobars in the same time, on a rig fast enough for them, would determine {first} to"
+            f"{protocol}, on a rig fast enough for them, would determine {first} to"
             f" {sd_text}, better than this plan (± {format_quantity(plan_sd, unit, 2)}){shortest_text}"
         )
-    return (
-        f"ten isobars in the same time would determine {first} to {sd_text},"
-        f" {sd_ratio:.1f} times the sd of this plan"
-    )
+    return f"{protocol} would determine {first} to {sd_text}, {sd_ratio:.1f} times the sd of this plan"

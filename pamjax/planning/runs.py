@@ -14,10 +14,10 @@ from pamjax.units import format_quantity
 _PRESSURE_LEVELS, _CONTRACTION_LEVELS = 5, 4
 
 #: Duration of a ramp up or down, and of a hold, s.
-_RAMP_SECONDS, _HOLD_SECONDS = 60.0, 60.0
+RAMP_SECONDS, HOLD_SECONDS = 60.0, 60.0
 
 #: Independent readings of a check.
-_CHECK_READINGS = 10
+CHECK_READINGS = 10
 
 #: Strokes at each pressure in the protocol of Chambers & Wereley (2022).
 ISOBAR_CYCLES = 3
@@ -32,10 +32,11 @@ class PlannedRun:
 
     Attributes:
         description: short description.
-        pressure, length: (n,) commands, Pa and m; empty for a check.
+        pressure, length: (n,) commands, Pa and m; empty for a check. On an isotonic rig the length is NaN.
         minutes: duration with set-up, min.
         direct_sds: parameters that are measured directly, with the standard deviation of the reading, SI.
         is_repeatable: whether a repetition adds information.
+        load: (n,) set force of an isotonic run, N; None if the length is set.
     """
 
     description: str
@@ -44,6 +45,7 @@ class PlannedRun:
     minutes: float
     direct_sds: dict[str, float]
     is_repeatable: bool = True
+    load: np.ndarray | None = None
 
     @property
     def has_fixed_length(self) -> bool:
@@ -56,7 +58,12 @@ class PlannedRun:
         if n <= max_samples:
             return self
         kept_samples = ((np.arange(max_samples) + 0.5) * n / max_samples).astype(int)
-        return replace(self, pressure=self.pressure[kept_samples], length=self.length[kept_samples])
+        return replace(
+            self,
+            pressure=self.pressure[kept_samples],
+            length=self.length[kept_samples],
+            load=None if self.load is None else self.load[kept_samples],
+        )
 
 
 def list_runs(capabilities: RigCapabilities, rest_length: float) -> list[PlannedRun]:
@@ -80,21 +87,21 @@ def _list_contractions(capabilities: RigCapabilities) -> np.ndarray:
     return capabilities.max_contraction * np.arange(_CONTRACTION_LEVELS) / _CONTRACTION_LEVELS
 
 
-def _build_run(
+def build_run(
     capabilities: RigCapabilities, description: str, seconds: float, corners: list[tuple[float, float, float]]
 ) -> PlannedRun:
-    """Return a run with straight lines between corners (share of the time, pressure, length)."""
+    """Return a run with straight lines between corners (share of the time, pressure, length).
+
+    On an isotonic rig, the set force takes the place of the length.
+    """
     n = max(int(seconds * capabilities.rate), 1)
-    corner_times, pressure, length = (np.array(x) for x in zip(*corners, strict=True))
+    corner_times, corner_pressures, corner_inputs = (np.array(x) for x in zip(*corners, strict=True))
     share = (np.arange(n) + 0.5) / n
     minutes = (seconds + capabilities.setup_seconds) / 60
-    return PlannedRun(
-        description,
-        np.interp(share, corner_times, pressure),
-        np.interp(share, corner_times, length),
-        minutes,
-        {},
-    )
+    pressure, second_input = (np.interp(share, corner_times, x) for x in (corner_pressures, corner_inputs))
+    if capabilities.measures_length:
+        return PlannedRun(description, pressure, np.full(n, np.nan), minutes, {}, load=second_input)
+    return PlannedRun(description, pressure, second_input, minutes, {})
 
 
 def _build_stroke(capabilities: RigCapabilities, rest_length: float, pressure: float) -> PlannedRun:
@@ -104,7 +111,7 @@ def _build_stroke(capabilities: RigCapabilities, rest_length: float, pressure: f
         f" {format_quantity(pressure, 'kPa', 3)}"
     )
     corners = [(0.0, pressure, rest_length), (0.5, pressure, shortest), (1.0, pressure, rest_length)]
-    return _build_run(
+    return build_run(
         capabilities,
         description,
         2 * rest_length * capabilities.max_contraction / capabilities.speed,
@@ -116,10 +123,10 @@ def _build_ramp(capabilities: RigCapabilities, rest_length: float, contraction: 
     length, max_pressure = rest_length * (1 - contraction), capabilities.max_pressure
     place = f"{contraction:.0%} contraction" if contraction else "rest length"
     description = f"pressure ramp to {format_quantity(max_pressure, 'kPa', 3)} and back at {place}"
-    return _build_run(
+    return build_run(
         capabilities,
         description,
-        2 * _RAMP_SECONDS,
+        2 * RAMP_SECONDS,
         [(0.0, 0.0, length), (0.5, max_pressure, length), (1.0, 0.0, length)],
     )
 
@@ -129,15 +136,15 @@ def _build_hold(
 ) -> PlannedRun:
     length = rest_length * (1 - contraction)
     place = f"{contraction:.0%} contraction" if contraction else "rest length"
-    description = f"hold of {_HOLD_SECONDS:.0f} s at {format_quantity(pressure, 'kPa', 3)} and {place}"
-    return _build_run(
-        capabilities, description, _HOLD_SECONDS, [(0.0, pressure, length), (1.0, pressure, length)]
+    description = f"hold of {HOLD_SECONDS:.0f} s at {format_quantity(pressure, 'kPa', 3)} and {place}"
+    return build_run(
+        capabilities, description, HOLD_SECONDS, [(0.0, pressure, length), (1.0, pressure, length)]
     )
 
 
 def _list_checks(capabilities: RigCapabilities) -> list[PlannedRun]:
     """Return the checks that measure zeros and gains of the rig without the muscle."""
-    averaging, no_samples = _CHECK_READINGS**0.5, np.zeros(0)
+    averaging, no_samples = CHECK_READINGS**0.5, np.zeros(0)
     force, diameter = capabilities.force_sd or 0.0, capabilities.diameter_sd or 0.0
     # All readings of one bar have the same length error.
     ruler = max(capabilities.length_sd / averaging, capabilities.length_level_sd)

@@ -237,7 +237,7 @@ def statistics(trials: list[tuple[Plan, Outcome, Outcome]]) -> dict[str, Any]:
     by_isobars = np.array([(i.value - i.true) for _, _, i in trials]) / predicted
     fitted = np.array([p.sd for _, p, _ in trials]) / predicted
     both = np.stack([by_plan, by_isobars], axis=1)
-    planned = np.array([result.isobars_sd / result.sd for result, _, _ in trials])
+    planned = np.array([result.usual_sd / result.sd for result, _, _ in trials])
     figures = {
         "expected to reach the goal [%]": 100 * float(np.mean([f.reaches_goal for f, _, _ in trials])),
         "minutes of a plan, median": float(np.median([f.minutes for f, _, _ in trials])),

@@ -15,7 +15,7 @@ from pamjax.model.muscle import predict
 from pamjax.planning.information import build_placeholder_case
 from pamjax.planning.plan import compute_sd_course, plan
 from pamjax.planning.prior_information import build_prior_information
-from pamjax.planning.report import format_isobars
+from pamjax.planning.report import format_usual_protocol
 from pamjax.planning.rig_capabilities import RigCapabilities, read_capabilities
 from pamjax.planning.runs import list_runs
 from pamjax.records.case import Case
@@ -167,7 +167,7 @@ def test_diameter_determines_the_thread_modulus_and_force_does_not(muscle_toml):
     force, diameter = result.single_channel["force"], result.single_channel["diameter"]
     assert diameter[0] <= result.target_sd
     assert force[1] > 1.5 * diameter[1]
-    assert result.isobars_sd > result.sd
+    assert result.usual_sd > result.sd
     note = str(result)
     assert "force alone" in note
     assert "thread.modulus to ±" in note
@@ -279,7 +279,7 @@ def test_title_of_a_plan_fits_a_narrow_screen(muscle_toml, stroke):
 def test_better_isobars_are_reported(muscle_toml):
     result = plan(muscle_toml, RigCapabilities(), to="30 GPa")
     after = result.expected_sds["thread.modulus"].expected_sd
-    better, worse = (format_isobars(replace(result, isobars_sd=share * after)) for share in (0.9, 1.1))
+    better, worse = (format_usual_protocol(replace(result, usual_sd=share * after)) for share in (0.9, 1.1))
     assert "better than this plan (± 20 GPa); of complete runs, this plan is the shortest found" in better
     assert "times the sd" not in better
     assert worse.endswith("to ± 22 GPa, 1.1 times the sd of this plan")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamjax.records.protocol import Schedule
+from pamjax.records.reading.muscle_toml import MuscleToml
 
 #: Largest number of rows of a protocol. All protocols are padded to it and use one compiled program.
 MAX_PROTOCOL_ROWS = 512
@@ -17,6 +18,9 @@ Corner = tuple[float, float, float, int]
 
 #: Standard deviation of a diameter from a photograph, m, if the recording has no diameters.
 CAMERA_SD_M = 1e-4
+
+#: Load that an isotonic rig can add, as a share of the ideal force at the highest pressure and rest length.
+_LOAD_SHARE = 0.2
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,16 @@ class RigLimits:
         """Return the corners of a pressure ramp from `base` to `peak` and back at a set force."""
         seconds = max(abs(peak - base) / (speed_factor * self.pressure_speed), self.step)
         return [(seconds, peak, load, cycle), (seconds, base, load, cycle)]
+
+
+def compute_usual_load(muscle_toml: MuscleToml, max_pressure: float) -> float:
+    """Return a weight that a muscle can lift, N: a share of its ideal force at the highest pressure and rest.
+
+    The ideal force of inextensible threads of length B with N turns is P (3 L² − B²) / (4 π N²).
+    """
+    thread, turns = muscle_toml.braid
+    area = (3.0 * muscle_toml.rest_length.value**2 - thread**2) / (4.0 * np.pi * turns**2)
+    return _LOAD_SHARE * max_pressure * area
 
 
 def sample_path(

@@ -13,7 +13,7 @@ from pamjax.diagnosis.crossval.solved_lengths import predict_solved
 from pamjax.diagnosis.library.library_problem import LibraryProblem, compute_program_rows
 from pamjax.diagnosis.next_experiment.power import LinearisedModel
 from pamjax.diagnosis.next_experiment.protocols import PlannedProtocol
-from pamjax.diagnosis.next_experiment.rig import CAMERA_SD_M, RigLimits
+from pamjax.diagnosis.next_experiment.rig import CAMERA_SD_M, RigLimits, compute_usual_load
 from pamjax.diagnosis.noise.estimate import predict_dataset
 from pamjax.diagnosis.refit.least_squares import (
     UNIFORM_RANGE_SD,
@@ -32,9 +32,6 @@ from pamjax.records.recording import Recording
 
 #: Range of the length at a set force, in rest lengths.
 _SOLVED_LENGTH_RANGE = 0.4, 1.3
-
-#: Load that an isotonic rig can add, as a share of the ideal force at the highest pressure and rest length.
-_LOAD_SHARE = 0.2
 
 #: Usual speed of a pressure ramp if the recording has no time, Pa/s.
 _USUAL_PRESSURE_SPEED = 5e3
@@ -205,9 +202,7 @@ def _find_max_force(recording: Recording, case: Case) -> float:
     largest = float(np.nanmax(recording.force, initial=0.0 if recording.measures_length else 10.0))
     if not recording.measures_length:
         return largest
-    thread, turns = case.muscle_toml.braid
-    area = (3.0 * case.muscle_toml.rest_length.value**2 - thread**2) / (4.0 * np.pi * turns**2)
-    return max(largest, _LOAD_SHARE * float(np.nanmax(recording.pressure)) * area)
+    return max(largest, compute_usual_load(case.muscle_toml, float(np.nanmax(recording.pressure))))
 
 
 def linearise_difference(

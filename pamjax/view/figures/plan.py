@@ -25,6 +25,9 @@ from pamjax.view.theme import (
     save_png,
 )
 
+#: Colour of the best plan with one channel only.
+_CHANNEL_COLOURS = {"force": "orange", "length": "orange", "diameter": "sky"}
+
 
 @dataclass(frozen=True, eq=False)
 class PrecisionCourse:
@@ -63,14 +66,18 @@ def plot_precision(plan: Plan, course: PrecisionCourse, narrow: bool = False) ->
         handles = [create_mark("expected after each run", marker="o", ls="-", color=OKABE_ITO["black"])]
         if plan.target_sd:
             handles.append(create_mark("target", ls=":"))
-        handles.append(create_mark("ten isobars in equal time", marker="x", color=OKABE_ITO["vermilion"]))
-        colours = {"force": "orange", "diameter": "sky"}
+        handles.append(create_mark(_name_usual_protocol(plan), marker="x", color=OKABE_ITO["vermilion"]))
         handles += [
-            create_mark(f"{channel} only", marker="D", mfc="none", color=OKABE_ITO[colours[channel]])
+            create_mark(f"{channel} only", marker="D", mfc="none", color=OKABE_ITO[_CHANNEL_COLOURS[channel]])
             for channel in plan.single_channel
         ]
         drawing.legend(handles=handles, loc="outside lower center", ncols=1 if narrow else 5)
     return drawing
+
+
+def _name_usual_protocol(plan: Plan) -> str:
+    is_isotonic = plan.prior.capabilities.measures_length
+    return f"{'ramps' if is_isotonic else 'ten isobars'} in equal time"
 
 
 def _plot_precision_course(panel: Axes, plan: Plan, course: PrecisionCourse) -> None:
@@ -91,12 +98,11 @@ def _plot_precision_course(panel: Axes, plan: Plan, course: PrecisionCourse) -> 
         )
     if plan.chosen_runs:
         panel.plot(
-            course.minutes[-1], plan.isobars_sd / unit_scale, "x", color=OKABE_ITO["vermilion"], gid="isobars"
+            course.minutes[-1], plan.usual_sd / unit_scale, "x", color=OKABE_ITO["vermilion"], gid="usual"
         )
-    for channel, colour in (("force", "orange"), ("diameter", "sky")):
-        if channel in plan.single_channel:
-            sd, minutes = plan.single_channel[channel]
-            panel.plot(minutes, sd / unit_scale, "D", mfc="none", color=OKABE_ITO[colour], gid=channel)
+    for channel, (sd, minutes) in plan.single_channel.items():
+        colour = OKABE_ITO[_CHANNEL_COLOURS[channel]]
+        panel.plot(minutes, sd / unit_scale, "D", mfc="none", color=colour, gid=channel)
     panel.set_ylim(0, None)
     unit = "" if course.unit == "1" else f" [{course.unit}]"
     panel.set(xlabel="time [min]", ylabel=f"expected sd{unit}")
@@ -109,28 +115,30 @@ def _format_reached_precision(plan: Plan, course: PrecisionCourse) -> str:
 
 
 def plot_commands(plan: Plan, narrow: bool = False) -> Figure | None:
-    """Return the commanded pressure and length, or None if the plan has only checks of the rig."""
+    """Return the commanded pressure and length, or set force; None if the plan has only checks of the rig."""
     table = plan.schedule()
     if not len(table):
         return None
     run_starts = np.flatnonzero(np.diff(table["cycle"].to_numpy())) + 1
-    minutes, pressure, length = (
+    second_column = "force [N]" if plan.prior.capabilities.measures_length else "length [mm]"
+    minutes, pressure, second = (
         np.insert(values.to_numpy(float), run_starts, np.nan)
-        for values in (table["time [s]"] / 60, table["pressure [kPa]"], table["length [mm]"])
+        for values in (table["time [s]"] / 60, table["pressure [kPa]"], table[second_column])
     )
     with apply_theme():
         drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 3.0)
-        pressure_panel, length_panel = drawing.subplots(2, 1, sharex=True)
+        pressure_panel, second_panel = drawing.subplots(2, 1, sharex=True)
         pressure_panel.plot(minutes, pressure, color=OKABE_ITO["blue"])
-        length_panel.plot(minutes, length, color=OKABE_ITO["orange"])
+        second_panel.plot(minutes, second, color=OKABE_ITO["orange"])
         pressure_panel.set(ylabel="pressure [kPa]", title=_format_command_title(plan, narrow))
-        length_panel.set(ylabel="length [mm]", xlabel="time [min]")
+        second_panel.set(ylabel=second_column, xlabel="time [min]")
     return drawing
 
 
 def _format_command_title(plan: Plan, narrow: bool) -> str:
     check_minutes = sum(count * run.minutes for count, run in plan.chosen_runs if not run.pressure.size)
-    title = "Commanded pressure and length"
+    second = "set force" if plan.prior.capabilities.measures_length else "length"
+    title = f"Commanded pressure and {second}"
     separator = "\n" if narrow else " "
     return title + (
         f";{separator}checks take another {format_minutes(check_minutes)}" if check_minutes else ""

@@ -10,7 +10,7 @@ from pamjax.channels import DISPLAY_UNIT
 from pamjax.model.parameters import find_meaning
 from pamjax.planning.plan import ALL_PARAMETERS, ExpectedSd, Plan
 from pamjax.planning.report import (
-    format_isobars,
+    format_loads,
     format_minutes,
     format_misfit,
     format_neglected,
@@ -18,7 +18,9 @@ from pamjax.planning.report import (
     format_rough_precision,
     format_simpler_protocols,
     format_single_channel,
+    format_usual_protocol,
 )
+from pamjax.planning.rig_capabilities import RigCapabilities
 from pamjax.units import format_quantity
 from pamjax.view.figures.plan import PrecisionCourse, plot_commands, plot_precision
 from pamjax.view.reports.page import build_picture, write_page
@@ -101,7 +103,7 @@ def _format_runs(plan: Plan) -> str:
 
 def _format_expected_result(plan: Plan) -> tuple[str, str]:
     if plan.goal == ALL_PARAMETERS:
-        return f"Perform {_format_runs(plan)}.", f"{_capitalise(format_isobars(plan))}."
+        return f"Perform {_format_runs(plan)}.", f"{_capitalise(format_usual_protocol(plan))}."
     if not plan.chosen_runs and plan.reaches_goal:
         return (
             "No measurement is needed.",
@@ -114,7 +116,10 @@ def _format_expected_result(plan: Plan) -> tuple[str, str]:
         else f"determines {plan.goal}"
     )
     first_sentence = f"Perform {_format_runs(plan)}. This {result} {format_precision(plan, plan.sd)}."
-    return first_sentence, f"{_capitalise('; '.join(format_single_channel(plan)) or format_isobars(plan))}."
+    return (
+        first_sentence,
+        f"{_capitalise('; '.join(format_single_channel(plan)) or format_usual_protocol(plan))}.",
+    )
 
 
 def _format_count(count: int, word: str) -> str:
@@ -143,10 +148,15 @@ def _build_expected_row(name: str, expected: ExpectedSd) -> list[str]:
 
 def _list_rig_rows(plan: Plan) -> list[list[str]]:
     capabilities = plan.prior.capabilities
-    rows = [
-        ["highest pressure", format_quantity(capabilities.max_pressure, "kPa", 3)],
+    limits = [
         ["largest contraction", f"{capabilities.max_contraction:.0%}"],
         ["speed of a stroke", f"{1e3 * capabilities.speed:.3g} mm/s"],
+    ]
+    if capabilities.measures_length:
+        limits = [["set forces", format_loads(capabilities)]]
+    rows = [
+        ["highest pressure", format_quantity(capabilities.max_pressure, "kPa", 3)],
+        *limits,
         ["rows per second", f"{capabilities.rate:.3g}"],
         ["set-up time between two runs", f"{capabilities.setup_seconds:.3g} s"],
         ["available time", format_minutes(capabilities.minutes)],
@@ -158,14 +168,18 @@ def _list_rig_rows(plan: Plan) -> list[list[str]]:
         ]
         for name, sd in capabilities.channel_sds.items()
     ]
-    length = ["noise of length, per row", format_quantity(capabilities.length_sd, "mm", 2)]
+    rows.append(["noise of pressure, per row", format_quantity(capabilities.pressure_sd, "kPa", 2)])
+    return [*rows, _build_set_input_row(capabilities)]
+
+
+def _build_set_input_row(capabilities: RigCapabilities) -> list[str]:
+    """Return the noise of the set force of an isotonic rig, else the noise or the error of the length."""
+    if capabilities.measures_length:
+        sd = capabilities.force_sd
+        return ["noise of the set force, per row", format_quantity(sd, "N", 2) if sd else "none"]
     if capabilities.length_level_sd:
-        length = ["error of length, per setting", format_quantity(capabilities.length_level_sd, "mm", 2)]
-    return [
-        *rows,
-        ["noise of pressure, per row", format_quantity(capabilities.pressure_sd, "kPa", 2)],
-        length,
-    ]
+        return ["error of length, per setting", format_quantity(capabilities.length_level_sd, "mm", 2)]
+    return ["noise of length, per row", format_quantity(capabilities.length_sd, "mm", 2)]
 
 
 def _build_error_row(name: str, sd: float) -> list[str]:
