@@ -11,6 +11,7 @@ from pamjax.diagnosis.notes import describe_contradicted_values
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.registry import find_mechanism
 from pamjax.parameter import get_display_unit
+from pamjax.text import join_words
 
 if TYPE_CHECKING:
     from pamjax.diagnosis.estimates import ParameterEstimate
@@ -114,7 +115,7 @@ def _format_held_out_errors(diagnosis: Diagnosis) -> Iterator[str]:
 
 def _format_experiments(diagnosis: Diagnosis) -> Iterator[str]:
     for experiment in diagnosis.experiments[:2]:
-        separated = " and ".join(experiment.separates)
+        separated = join_words(experiment.separates)
         yield (
             f"  next experiment: {experiment.protocol}: separates {separated}"
             f" with probability {experiment.power:.2f}"

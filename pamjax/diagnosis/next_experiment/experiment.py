@@ -69,11 +69,9 @@ def propose_experiments(
         named_mechanisms: the identified mechanisms with their rivals.
 
     Returns:
-        one experiment for each chosen protocol; empty without rivals, and for an isotonic test, whose
-        noise of force is not known.
+        one experiment for each chosen protocol; empty without rivals. The protocols of an isotonic recording
+        set the force and measure the length.
     """
-    if problem.case.recording.measures_length:
-        return []
     pairs = [
         (name.id, rival)
         for name in named_mechanisms

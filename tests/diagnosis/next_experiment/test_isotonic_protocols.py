@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from pamjax.diagnosis.library.library_problem import build_library_problem
-from pamjax.diagnosis.next_experiment.experiment import evaluate_protocols
+from pamjax.diagnosis.next_experiment.experiment import evaluate_protocols, propose_experiments
 from pamjax.diagnosis.next_experiment.isotonic_protocols import ISOTONIC_MENU
 from pamjax.diagnosis.next_experiment.protocols import PROTOCOL_MENU
 from pamjax.diagnosis.next_experiment.rig import MAX_PROTOCOL_ROWS, RigLimits
 from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed
+from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.planning.compare_pair import compare_pair
 from tests.infer.fitting.test_isotonic_fit import RUBBER, build_case, simulate_recording
 
@@ -84,3 +85,10 @@ def test_isotonic_rig_measures_length_and_distinguishes_rubber_from_a_lost_press
     assert set(powers) == {protocol.id for protocol in ISOTONIC_MENU}
     assert max(powers["I2"], powers["I3"], powers["I9"]) > 0.9
     assert powers["X12"] == pytest.approx(0.05)
+    # A diagnosis proposes one of these protocols for mechanisms that this recording does not distinguish.
+    rubber = NamedMechanism("bladder_elasticity", 0.9, ("contact_pressure",), 30.0)
+    (experiment,) = propose_experiments(problem, comparison.fits[0], [rubber])
+    assert experiment.separates == ("bladder_elasticity", "contact_pressure")
+    assert experiment.id in powers
+    assert experiment.power > 0.9
+    assert not propose_experiments(problem, comparison.fits[0], [])
