@@ -19,7 +19,7 @@ def check(
     """Check cases before a fit: their data, and which parameters they determine.
 
     The report lists rows, units, ranges, outliers and blocks. It also lists which parameters the recording
-    determines, which it determines only in combination, and which come mostly from the prior.
+    determines, which it determines only in combination, and which it determines only partly.
 
     Args:
         cases: case folders, each with recording.csv and muscle.toml.

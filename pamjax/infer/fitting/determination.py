@@ -1,10 +1,10 @@
 """How well a recording determines a parameter: three cases, by its sd over that of its prior.
 
-| case                       | sd over prior sd                                          |
-|----------------------------|-----------------------------------------------------------|
-| determined by the data     | at most `MAX_SD_RATIO_DETERMINED`                         |
-| mostly from the prior      | up to `_MAX_SD_RATIO_INFORMED`                             |
-| not determined by the data | larger: the posterior equals the prior; or no sd at all   |
+| case                          | sd over prior sd                                        |
+|-------------------------------|---------------------------------------------------------|
+| determined by the data        | at most `MAX_SD_RATIO_DETERMINED`                       |
+| partly determined by the data | up to `_MAX_SD_RATIO_INFORMED`                          |
+| not determined by the data    | larger: the posterior equals the prior; or no sd at all |
 
 `check`, `fit` and `sample` use these cases and words.
 """
@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from pamjax.parameter import Meaning
 
 DETERMINED = "determined by the data"
-MOSTLY_PRIOR = "mostly from the prior"
+PARTLY_DETERMINED = "partly determined by the data"
 NOT_DETERMINED = "not determined by the data"
 
 #: A parameter or combination is determined if the data reduce its sd to this fraction of the prior sd.
@@ -69,7 +69,7 @@ def classify_sd_ratio(sd_ratio: float) -> str:
     """
     if sd_ratio <= MAX_SD_RATIO_DETERMINED:
         return DETERMINED
-    return MOSTLY_PRIOR if sd_ratio <= _MAX_SD_RATIO_INFORMED else NOT_DETERMINED
+    return PARTLY_DETERMINED if sd_ratio <= _MAX_SD_RATIO_INFORMED else NOT_DETERMINED
 
 
 def describe_sd_ratio(sd_ratio: float) -> str:

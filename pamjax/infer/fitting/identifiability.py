@@ -161,6 +161,21 @@ def _format_sentences(
     return [*sentences, shortage] if shortage else sentences
 
 
+def describe_weak_information(name: str, kind: str | None) -> str:
+    """Return a sentence on a parameter that a recording does not determine, or only partly.
+
+    Args:
+        name: the parameter.
+        kind: its case, from `classify_sd_ratio`, if known.
+    """
+    if kind == NOT_DETERMINED:
+        return f"This recording does not determine `{name}`: a fit returns its prior."
+    return (
+        f"This recording reduces the sd of `{name}` by less than half:"
+        " the estimate depends mostly on the prior."
+    )
+
+
 def format_combination(changes: dict[str, float], kinds: Mapping[str, str] | None = None) -> str:
     """Return a sentence on one combination that the data do not determine.
 
@@ -170,12 +185,7 @@ def format_combination(changes: dict[str, float], kinds: Mapping[str, str] | Non
     """
     if len(changes) == 1:
         (name,) = changes
-        if (kinds or {}).get(name) == NOT_DETERMINED:
-            return f"This recording does not determine `{name}`: a fit returns its prior."
-        return (
-            f"This recording reduces the sd of `{name}` by less than half:"
-            " its estimate comes mostly from the prior."
-        )
+        return describe_weak_information(name, (kinds or {}).get(name))
     joint_change = join_words([_format_change(*change) for change in changes.items()])
     return (
         "This recording determines some parameters only in combination:"

@@ -22,8 +22,8 @@ import numpy as np
 from pamjax.infer.fitting.determination import (
     DETERMINED,
     MAX_SD_RATIO_DETERMINED,
-    MOSTLY_PRIOR,
     NOT_DETERMINED,
+    PARTLY_DETERMINED,
     classify_sd_ratio,
 )
 from pamjax.infer.fitting.result import Fit
@@ -172,7 +172,7 @@ def _describe_prior_share(draws: np.ndarray, summary: ParameterSummary) -> tuple
     kind = classify_sd_ratio(sd_ratio)
     details = {
         NOT_DETERMINED: "posterior equals prior",
-        MOSTLY_PRIOR: f"sd {100 * sd_ratio:.0f} % of the prior sd",
+        PARTLY_DETERMINED: f"sd {100 * sd_ratio:.0f} % of the prior sd",
     }
     return kind, details.get(kind, "")
 

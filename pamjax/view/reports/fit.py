@@ -14,10 +14,11 @@ import numpy as np
 from pamjax.channels import format_channel_value
 from pamjax.infer.fitting.determination import (
     DETERMINED,
-    MOSTLY_PRIOR,
     NOT_DETERMINED,
+    PARTLY_DETERMINED,
     classify_sd_ratio,
 )
+from pamjax.infer.fitting.identifiability import describe_weak_information
 from pamjax.infer.fitting.report import (
     describe_contradicted_values,
     describe_fit_shortage,
@@ -113,9 +114,10 @@ def _list_next_steps(fit: Fit, estimates: Mapping[str, Estimate]) -> Iterator[st
             if name.startswith(("muscle.", "thread.")) and not e.is_determined
         ]
         if undetermined and len(cases) == 1:
+            name = undetermined[0]
             yield (
-                f"The estimate of {undetermined[0]} comes mostly from the prior."
-                f" `pamjax plan {folders} --goal {undetermined[0]}` selects further runs."
+                describe_weak_information(name, classify_sd_ratio(estimates[name].sd_ratio))
+                + f" `pamjax plan {folders} --goal {name}` selects further runs."
             )
     if not any(case.recording.measures_length for case in cases):
         yield (
@@ -237,7 +239,7 @@ def _format_estimates(estimates: dict[str, Estimate]) -> str:
         parts.append(f"At a limit: {join_words(_shorten_list(names_at_limit))}.")
     parts += [
         f"{capitalise_sentence(kind)}: {join_words(_shorten_list(names_by_kind[kind]))}."
-        for kind in (MOSTLY_PRIOR, NOT_DETERMINED)
+        for kind in (PARTLY_DETERMINED, NOT_DETERMINED)
         if kind in names_by_kind
     ]
     return " ".join(parts)

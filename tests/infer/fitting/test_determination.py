@@ -12,8 +12,8 @@ from pamjax.infer.fitting.determination import describe_sd_ratio
     [
         (0.0, "determined by the data"),
         (0.5, "determined by the data"),
-        (0.51, "mostly from the prior"),
-        (0.95, "mostly from the prior"),
+        (0.51, "partly determined by the data"),
+        (0.95, "partly determined by the data"),
         (0.96, "not determined by the data (posterior equals prior)"),
         (math.nan, "not determined by the data (posterior equals prior)"),
     ],

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from pamjax.infer.fitting.case_summary import CaseSummary
+from pamjax.infer.fitting.determination import NOT_DETERMINED
 from pamjax.infer.fitting.fit import fit
-from pamjax.infer.fitting.identifiability import check_identifiability
+from pamjax.infer.fitting.identifiability import check_identifiability, describe_weak_information
 from pamjax.infer.fitting.result import Estimate
 from pamjax.infer.problem.priors import list_free_parameters
 from pamjax.model.assembly import assemble
@@ -60,7 +61,16 @@ def test_table_and_sentences_of_check_agree():
     case = made(**DIAMETERS)
     summary = str(CaseSummary(case, *check_identifiability(case)))
     assert "not determined by the data" in summary
-    assert "mostly from the prior" not in summary
+    assert "partly determined by the data" not in summary
+
+
+def test_sentence_depends_on_how_well_a_parameter_is_determined():
+    determined, partly = (describe_weak_information("muscle.turns", kind) for kind in (NOT_DETERMINED, None))
+    assert determined == "This recording does not determine `muscle.turns`: a fit returns its prior."
+    assert partly == (
+        "This recording reduces the sd of `muscle.turns` by less than half:"
+        " the estimate depends mostly on the prior."
+    )
 
 
 def test_check_and_fit_have_one_scale_without_a_prior():

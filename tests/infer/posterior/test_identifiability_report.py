@@ -10,7 +10,12 @@ import numpy as np
 import pytest
 
 import pamjax
-from pamjax.infer.fitting.determination import DETERMINED, MOSTLY_PRIOR, NOT_DETERMINED, describe_sd_ratio
+from pamjax.infer.fitting.determination import (
+    DETERMINED,
+    NOT_DETERMINED,
+    PARTLY_DETERMINED,
+    describe_sd_ratio,
+)
 from pamjax.infer.fitting.least_squares import solve_least_squares
 from pamjax.infer.posterior.identifiability_report import (
     ParameterSummary,
@@ -111,7 +116,7 @@ def test_sample_and_fit_use_the_same_words(ratio):
         detail
         == {
             DETERMINED: "",
-            MOSTLY_PRIOR: f"sd {100 * ratio:.0f} % of the prior sd",
+            PARTLY_DETERMINED: f"sd {100 * ratio:.0f} % of the prior sd",
             NOT_DETERMINED: "posterior equals prior",
         }[kind]
     )
@@ -187,7 +192,7 @@ def test_report_compares_with_the_stated_values():
     # Five diameters determine the modulus to 4 GPa, as the other computations do.
     priors = {"thread.modulus": {"value": 84e9, "sd": 3e9}}
     verdict = pamjax.sample(fitted(), priors=priors, ess=200, rhat=1.1, seed=1).verdicts["thread.modulus"]
-    assert verdict.kind == MOSTLY_PRIOR
+    assert verdict.kind == PARTLY_DETERMINED
     assert drawn().verdicts["thread.modulus"].kind == DETERMINED
 
 

@@ -6,12 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pamjax.infer.fitting.result import Estimate
+from pamjax.model.parameters import find_meaning
 from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.view.reports.fit import (
     _build_score_row,
     _describe_starts,
     _format_prediction_caption,
     _list_assumptions,
+    _list_next_steps,
     format_agreement,
 )
 from pamjax.view.wording import capitalise_sentence
@@ -56,6 +59,17 @@ def test_noise_is_compared_with_the_stated_noise():
         line.startswith("Noise of force is 2 N per row. Stated in muscle.toml: 1.2 N") for line in sentences
     )
     assert "Noise of diameter is 0.05 mm per row, as stated in muscle.toml." in sentences
+
+
+@pytest.mark.parametrize(
+    ("sd", "words"), [(4.9e9, "does not determine"), (3.0e9, "by less than half"), (1.0e9, None)]
+)
+def test_next_step_says_how_well_a_parameter_is_determined(sd, words):
+    meaning = find_meaning("thread.modulus")
+    estimate = Estimate(value=80e9, sd=sd, prior=80e9, prior_sd=5e9, meaning=meaning, at_limit=False)
+    sentences = " ".join(_list_next_steps(fit(strokes()), {"thread.modulus": estimate}))
+    assert ("--goal thread.modulus` selects further runs" in sentences) == (words is not None)
+    assert words is None or words in sentences
 
 
 def test_names_are_not_capitalised():
