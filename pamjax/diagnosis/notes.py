@@ -17,7 +17,7 @@ from pamjax.infer.fitting.identifiability import (
     find_undetermined_combinations,
     format_combination,
 )
-from pamjax.infer.fitting.report import format_estimate
+from pamjax.infer.fitting.report import format_contradicted_value
 from pamjax.model.parameters import find_meaning
 from pamjax.text import join_words
 
@@ -57,22 +57,22 @@ def format_parameters_at_limit(problem: LibraryProblem, fit: ModelFit) -> list[s
     ]
 
 
-def describe_contradicted_values(problem: LibraryProblem, fit: ModelFit) -> list[str]:
+def describe_values_at_limit(problem: LibraryProblem, fit: ModelFit) -> list[str]:
     """Return a sentence on each stated value of the baseline that ended at its limit.
 
     Args:
         problem: the recording and the library.
         fit: the refitted baseline with the identified mechanisms.
     """
-    sentences = []
-    for k in _list_stated_at_limit(problem, fit):
-        unit = problem.meanings[k].show
-        value = format_estimate(float(fit.estimate.values[k]), None, unit)
-        stated = format_estimate(float(problem.start[k]), float(problem.prior_sd[k]), unit)
-        sentences.append(
-            f"`{problem.names[k]}` ended at its limit, {value}. Its stated value is {stated}: check it."
+    return [
+        format_contradicted_value(
+            problem.names[k],
+            float(fit.estimate.values[k]),
+            (float(problem.start[k]), float(problem.prior_sd[k])),
+            problem.meanings[k].show,
         )
-    return sentences
+        for k in _list_stated_at_limit(problem, fit)
+    ]
 
 
 def _list_stated_at_limit(problem: LibraryProblem, fit: ModelFit) -> list[int]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.diagnosis.notes import describe_contradicted_values
+from pamjax.diagnosis.notes import describe_values_at_limit
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.registry import find_mechanism
 from pamjax.parameter import get_display_unit
@@ -62,12 +62,12 @@ def _format_mechanism(diagnosis: Diagnosis, mechanism: NamedMechanism) -> Iterat
     estimates = list(diagnosis.parameters[mechanism.id].items())[:3]
     yield "    " + ", ".join(format_named_estimate(name, estimate) for name, estimate in estimates)
     if mechanism.indistinguishable:
-        rivals = " and ".join(mechanism.indistinguishable)
+        rivals = join_words(mechanism.indistinguishable)
         yield f"    this recording does not distinguish it from {rivals}"
 
 
 def _format_contradicted_values(diagnosis: Diagnosis) -> Iterator[str]:
-    sentences = describe_contradicted_values(diagnosis.problem, diagnosis.model)
+    sentences = describe_values_at_limit(diagnosis.problem, diagnosis.model)
     for sentence in sentences[:_MAX_CONTRADICTIONS]:
         yield f"  {sentence}"
 

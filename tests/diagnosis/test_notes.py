@@ -7,7 +7,7 @@ import pytest
 
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.notes import (
-    describe_contradicted_values,
+    describe_values_at_limit,
     format_parameters_at_limit,
     format_unidentified_combinations,
     format_untestable_mechanisms,
@@ -52,11 +52,11 @@ def test_stated_value_at_its_limit_is_named_with_the_stated_value():
     problem, free = build_plan_problem(), get_free()
     values = problem.neutral.copy()
     values[free] = 0.2512, problem.high[free[1]] - 1e-9
-    (sentence,) = describe_contradicted_values(problem, build_fit(values, free))
-    assert sentence.startswith("`muscle.turns` ended at its limit, ")
-    assert "Its stated value is 1.09" in sentence
+    (sentence,) = describe_values_at_limit(problem, build_fit(values, free))
+    assert sentence.startswith("`muscle.turns` is 1.1")
+    assert "sd from the stated value (1.09" in sentence
     values[free] = problem.start[free]
-    assert describe_contradicted_values(problem, build_fit(values, free)) == []
+    assert describe_values_at_limit(problem, build_fit(values, free)) == []
 
 
 def test_parameter_at_its_limit_is_reported():

@@ -57,14 +57,32 @@ def describe_fit_shortage(fit: Fit) -> str | None:
 def describe_contradicted_values(fit: Fit) -> list[str]:
     """Return a sentence on each stated value that the fit contradicts: many sd away, or at its limit."""
     return [
-        f"{name} is {format_estimate(e.value, None, e.meaning.show)},"
-        f" {abs(e.value - e.prior) / e.prior_sd:.1f} sd from the stated value. Check this value in"
-        " muscle.toml. If it is right, the model lacks a mechanism."
+        format_contradicted_value(name, e.value, (e.prior, e.prior_sd), e.meaning.show)
         for name, e in fit.estimates.items()
         if not is_length_error(name)
         and math.isfinite(e.prior_sd)
         and (e.at_limit or abs(e.value - e.prior) > _MAX_PRIOR_SHIFT_SD * e.prior_sd)
     ]
+
+
+def format_contradicted_value(name: str, value: float, stated: tuple[float, float], unit: str) -> str:
+    """Return a sentence on an estimate that contradicts its stated value.
+
+    Args:
+        name: name of the parameter.
+        value: the estimate, SI.
+        stated: the stated value and its standard deviation, SI.
+        unit: display unit.
+
+    >>> format_contradicted_value("muscle.turns", 1.105, (1.09, 0.005), "1")[:53]
+    '`muscle.turns` is 1.105, 3.0 sd from the stated value'
+    """
+    deviation = abs(value - stated[0]) / stated[1]
+    return (
+        f"`{name}` is {format_estimate(value, None, unit)}, {deviation:.1f} sd from the stated value"
+        f" ({format_estimate(*stated, unit)}). Check this value in muscle.toml."
+        " If it is right, the model lacks a mechanism."
+    )
 
 
 def format_estimate(value: float, sd: float | None, unit: str) -> str:

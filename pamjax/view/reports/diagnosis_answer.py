@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pamjax.baselines.comparison import MODEL_TITLES, SAROSI_MODEL, ModelComparison
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.diagnosis.notes import describe_contradicted_values
+from pamjax.diagnosis.notes import describe_values_at_limit
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.diagnosis.summary import format_named_estimate
@@ -88,7 +88,7 @@ def list_answers(diagnosis: Diagnosis, comparison: ModelComparison | None = None
             IMPROVEMENT_QUESTION if diagnosis.named_mechanisms else "Held-out error",
             (*_describe_held_out_errors(diagnosis), *_describe_better_formula(comparison)),
         ),
-        Answer("Stated values", tuple(describe_contradicted_values(diagnosis.problem, diagnosis.model))),
+        Answer("Stated values", tuple(describe_values_at_limit(diagnosis.problem, diagnosis.model))),
         Answer("Next", _describe_next_step(diagnosis)),
     ]
     return [

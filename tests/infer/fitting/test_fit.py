@@ -298,7 +298,7 @@ def test_conflict_with_a_prior_is_reported():
     fitted = fit(made(off=(0, 5.0, 0)), **QUICK)
     assert "shift -5.0 sd, CONTRADICTS ITS PRIOR" in str(fitted)
     (sentence,) = describe_contradicted_values(fitted)
-    assert "5.0 sd from the stated value. Check this value in muscle.toml." in sentence
+    assert "5.0 sd from the stated value (1.1150 ± 0.0050). Check this value in muscle.toml." in sentence
     assert f"note: {sentence}" in str(fitted)
 
 

@@ -312,6 +312,9 @@ def test_settings_are_folded_and_changed_ones_are_named():
 
 def test_ties_and_the_next_experiment_are_reported():
     page = Page(read_report("tied"))
+    three = replace(planned(), separates=("viscous_damping", "braid_friction", "channel_lag"))
+    summary = str(diagnosis(ties=("channel_lag",), experiments=(three,)))
+    assert "separates viscous_damping, braid_friction and channel_lag with probability 0.97" in summary
     assert "This recording cannot distinguish it from channel_lag" in page.text
     assert page.table(["protocol", "separates"])["stroke at 1 and at 50 mm/s"] == [
         "viscous_damping and braid_friction",
