@@ -7,7 +7,6 @@ import textwrap
 
 import numpy as np
 from matplotlib.axes import Axes as Panel
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
@@ -24,6 +23,7 @@ from pamjax.view.figures.layout import (
     draw_band,
     fill_band,
     iterate_lines,
+    tint_colour,
 )
 from pamjax.view.figures.mismatch_map import find_main_channel
 from pamjax.view.theme import (
@@ -35,8 +35,6 @@ from pamjax.view.theme import (
     create_figure,
 )
 
-#: Strength of the colour of the band of a form error, between white and the colour of its line.
-_BAND_TINT = 0.3
 #: Largest number of groups with a loop, and of measured points in each loop.
 _MAX_LOOPS, _MAX_LOOP_POINTS = 4, 120
 
@@ -65,11 +63,8 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
             if form is not None and prediction is predictions[-1][1]:
                 _plot_band(panel, diagnosis, form, row_layout, channel_index)
             _plot_loops(panel, diagnosis, row_layout, channel_index, prediction[channel_index])
-            rmse_text = format_channel_value(
-                compute_rms(diagnosis.problem.measured[channel_index] - prediction[channel_index]),
-                channel,
-            )
-            title = f"{label[0].upper()}{label[1:]}: RMS error of {channel} {rmse_text}"
+            error = _format_error(diagnosis, channel_index, prediction)
+            title = f"{label[0].upper()}{label[1:]}: {error}"
             panel.set(
                 xlabel=row_layout.xlabel,
                 ylabel=f"{channel} [{DISPLAY_UNIT[channel]}]",
@@ -85,6 +80,17 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
             *([create_mark("± 2 sd of the prediction", marker="s", ms=7, alpha=0.3)] if form else []),
         )
     return drawing
+
+
+def _format_error(diagnosis: Diagnosis, channel_index: int, prediction: np.ndarray) -> str:
+    """Return the RMS error of held-out blocks, as in the summary; without them, that of all rows."""
+    errors, channel = diagnosis.held_out_errors, diagnosis.problem.channels[channel_index]
+    if channel in errors.baseline_rmse:
+        is_baseline = prediction is errors.baseline_prediction
+        rmse = (errors.baseline_rmse if is_baseline else errors.model_rmse)[channel]
+        return f"held-out RMS error of {channel} {format_channel_value(rmse, channel)}"
+    rmse = compute_rms(diagnosis.problem.measured[channel_index] - prediction[channel_index])
+    return f"RMS error of {channel} {format_channel_value(rmse, channel)}"
 
 
 def _plot_band(
@@ -217,10 +223,9 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
                 for gid, contribution, sd, colour in contributions:
                     line, margin, x = contribution[run], 2 * sd[run], row_layout.x[run]
                     if sd[run].any():
-                        # An opaque tint: transparent areas of repeated strokes would hide the lines.
-                        tint = 1 - _BAND_TINT * (1 - np.array(to_rgb(colour)))
                         low, high = line - margin, line + margin
-                        fill_band(panel, x, low, high, color=tint, zorder=0.5, gid=f"{gid}-band")
+                        style = {"color": tint_colour(colour), "zorder": 0.5, "gid": f"{gid}-band"}
+                        fill_band(panel, x, low, high, **style)
                     panel.plot(x, line, color=colour, lw=1.2, zorder=3, gid=gid)
             panel.set(
                 xlabel=row_layout.xlabel,

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.typing import ColorType
@@ -32,6 +33,8 @@ _MAX_LENGTH_COLOURS = 7
 GRID_CELLS = (160, 100)
 #: Largest number of points of a model's line in a group.
 _MAX_LINE_POINTS = 400
+#: Strength of the colour of a band, between white and the colour of its line.
+_BAND_TINT = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,13 +198,23 @@ def draw_band(
         measured_rows: (n,) bool, rows with a measured value of the channel.
         low, high: (n,) ends of the range, in the unit of the axis.
     """
-    style = {"color": layout.colours[group], "gid": f"band group-{group}"}
+    style = {"color": tint_colour(layout.colours[group]), "zorder": 0.5, "gid": f"band group-{group}"}
     for rows in iterate_lines(case, layout, group, measured_rows):
         x = layout.x[rows]
         if layout.is_connected and rows.size > 1:
-            fill_band(panel, x, low[rows], high[rows], alpha=0.25, **style)
+            fill_band(panel, x, low[rows], high[rows], **style)
         else:
-            panel.vlines(x, low[rows], high[rows], alpha=0.5, lw=3, **style)
+            panel.vlines(x, low[rows], high[rows], lw=3, **style)
+
+
+def tint_colour(colour: ColorType) -> ColorType:
+    """Return an opaque light tint of a colour: transparent areas of repeated strokes would add up to stripes.
+
+    >>> tint_colour("#000000")
+    (0.7, 0.7, 0.7)
+    """
+    red, green, blue = (round(1 - _BAND_TINT * (1 - share), 6) for share in to_rgb(colour))
+    return red, green, blue
 
 
 def fill_band(panel: Axes, x: np.ndarray, low: np.ndarray, high: np.ndarray, **style: Any) -> None:

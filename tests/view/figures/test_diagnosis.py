@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pamjax.channels import format_channel_value
 from pamjax.view.figures import diagnosis_loops
 from pamjax.view.figures.diagnosis import plot_candidates, plot_held_out_scores, plot_shifts
 from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops
@@ -15,6 +16,11 @@ from tests.view.made_up import add_form_error, diagnosis, holds, lengths, stroke
 
 def panels(figure):
     return [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
+
+
+def read_title(panel):
+    """Return the title of a panel without line breaks."""
+    return " ".join(panel.get_title("left").split())
 
 
 def select_artists(panel, gid):
@@ -71,9 +77,26 @@ def test_loops_are_drawn_before_and_after(protocol):
         for p in (before, after)
     ]
     assert np.abs(predicted[1] - predicted[0]).max() > 9
-    assert after.get_title("left").startswith("With braid_friction: RMS error of force ")
-    errors = [float(p.get_title("left").split(" of force ")[1].removesuffix(" N")) for p in (before, after)]
+    assert read_title(after).startswith("With braid_friction: held-out RMS error of force ")
+    errors = [float(read_title(p).split(" of force ")[1].removesuffix(" N")) for p in (before, after)]
     assert errors[0] > 4 * errors[1]
+
+
+def test_titles_of_the_loops_have_the_errors_of_the_summary():
+    result = diagnosis()
+    titles = [read_title(panel) for panel in panels(plot_loops(result))]
+    errors = result.held_out_errors
+    assert titles == [
+        f"{name}: held-out RMS error of force {format_channel_value(rmse['force'], 'force')}"
+        for name, rmse in (
+            ("Baseline", errors.baseline_rmse),
+            ("With braid_friction", errors.model_rmse),
+        )
+    ]
+    held_out, summary = ([t.split(" of force ")[1].removesuffix(" N") for t in titles], str(result))
+    assert f"force {held_out[0]} -> {held_out[1]} N" in summary
+    without = replace(result, held_out_errors=replace(errors, baseline_rmse={}, model_rmse={}))
+    assert read_title(panels(plot_loops(without))[0]).startswith("Baseline: RMS error of force")
 
 
 @pytest.mark.parametrize("is_connected", [True, False])
@@ -106,7 +129,7 @@ def test_loops_include_the_form_error_and_its_band():
     result = diagnosis()
     with_form = add_form_error(result)
     exact, (_, inexact) = panels(plot_loops(result))[1], panels(plot_loops(with_form))
-    assert inexact.get_title("left").startswith("With braid_friction and form error: RMS")
+    assert read_title(inexact).startswith("With braid_friction and form error: held-out RMS")
     shift = [
         after.get_ydata() - before.get_ydata()
         for after, before in zip(

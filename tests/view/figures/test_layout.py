@@ -38,6 +38,9 @@ def test_band_of_a_closed_stroke_covers_both_ways():
     panel = create_figure().subplots()
     draw_band(panel, case, layout, 0, rows, np.full(5, 2.0), np.full(5, 3.0))
     (band,) = panel.collections
+    # Bands of repeated strokes overlap. Transparent ones would show dark stripes there.
+    assert band.get_alpha() is None
+    assert band.get_facecolor()[:, 3].tolist() == [1.0]
     areas = [compute_area(path.vertices[:-1]) for path in band.get_paths()]
     assert areas == pytest.approx([10.0, 10.0])
     assert panel.get_xlim()[1] >= 10
