@@ -43,8 +43,8 @@ class Case(NotebookText):
         checksum: SHA-256 of the bytes of recording.csv followed by muscle.toml.
         recording_checksum: SHA-256 of the bytes of recording.csv; "" for a recording without a file.
         warnings: warnings for the user, one sentence each; the caller shows them.
-        gaps: memory at a jump of the recording: one of `_GAP_CHOICES`.
-        before: load history before the first sample: one of `_BEFORE_CHOICES`.
+        gaps: memory at a jump of the recording: "carry" or "anew".
+        before: load history before the first sample: "relaxed" or "settled".
         text: text of muscle.toml.
     """
 
