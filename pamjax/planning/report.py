@@ -162,9 +162,9 @@ def format_single_channel(plan: Plan) -> list[str]:
 def format_usual_protocol(plan: Plan) -> str:
     """Return the precision of the usual protocol in the same time, compared with the plan."""
     capabilities = plan.prior.capabilities
-    protocol = "ten isobars in the same time"
+    protocol, condition = "ten isobars in the same time", ", on a rig fast enough for them,"
     if capabilities.measures_length:
-        protocol = f"pressure ramps at {capabilities.loads[0]:.3g} N in the same time"
+        protocol, condition = f"pressure ramps at {capabilities.loads[0]:.3g} N in the same time", ""
     first = next(iter(plan.expected_sds))
     unit, plan_sd = find_meaning(first).show, plan.expected_sds[first].expected_sd
     sd_text, sd_ratio = f"± {format_quantity(plan.usual_sd, unit, 2)}", plan.usual_sd / plan_sd
@@ -173,7 +173,7 @@ def format_usual_protocol(plan: Plan) -> str:
         is_shortest = plan.target_sd and plan.reaches_goal
         shortest_text = "; of complete runs, this plan is the shortest found" if is_shortest else ""
         return (
-            f"{protocol}, on a rig fast enough for them, would determine {first} to"
+            f"{protocol}{condition} would determine {first} to"
             f" {sd_text}, better than this plan (± {format_quantity(plan_sd, unit, 2)}){shortest_text}"
         )
     return f"{protocol} would determine {first} to {sd_text}, {sd_ratio:.1f} times the sd of this plan"

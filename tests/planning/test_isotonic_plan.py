@@ -11,6 +11,7 @@ from pamjax.errors import BadInput
 from pamjax.planning.isotonic_runs import list_isotonic_runs
 from pamjax.planning.plan import plan
 from pamjax.planning.prior_information import build_prior_information
+from pamjax.planning.report import format_usual_protocol
 from pamjax.planning.rig_capabilities import read_capabilities
 from pamjax.records.dataframe import case_from
 from pamjax.records.reading.muscle_toml import read_muscle_toml
@@ -114,6 +115,16 @@ def test_plan_sets_forces_and_measures_length(muscle_toml, tmp_path):
     page = write_plan_report(result, course, tmp_path / "report.html").read_text()
     assert "set forces" in page
     assert "speed of a stroke" not in page
+
+
+def test_a_ramp_needs_no_fast_rig(muscle_toml):
+    result = plan(muscle_toml, goal="muscle.thread_length", to="0.1 mm", minutes=30.0)
+    after = result.expected_sds[result.goal].expected_sd
+    better = format_usual_protocol(replace(result, usual_sd=0.5 * after))
+    assert better.startswith(
+        "pressure ramps at 10 N in the same time would determine muscle.thread_length to"
+    )
+    assert "better than this plan" in better
 
 
 def test_diameter_of_a_camera_is_a_second_channel(muscle_toml):
