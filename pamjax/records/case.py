@@ -97,7 +97,11 @@ def read_case(folder: str | Path, *, gaps: str = "carry", before: str = "relaxed
     """
     folder = Path(folder)
     if not folder.is_dir():
-        remedy = "Check the path, or create a case with `pamjax new`."
+        remedy = (
+            "Describe its columns in a TOML file: `pamjax import` then makes the case."
+            if folder.is_file()
+            else "Check the path, or create a case with `pamjax new`."
+        )
         raise BadInput.from_rule(
             f"a case must be a folder with {RECORDING_FILE} and {MUSCLE_FILE}",
             f"{folder}, which is not a folder",

@@ -67,6 +67,15 @@ def test_missing_folder_is_refused(tmp_path):
     )
 
 
+def test_file_instead_of_a_folder_is_refused_with_the_command_that_imports_it(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("Load (lbf)\n1\n")
+    assert read_error(path).endswith(
+        f"got {path}, which is not a folder. Describe its columns in a TOML file: `pamjax import` then makes"
+        " the case."
+    )
+
+
 @pytest.mark.parametrize("name", ["recording.csv", "muscle.toml"])
 def test_missing_file_is_refused(folder, name):
     path = folder()

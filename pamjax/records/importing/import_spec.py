@@ -225,13 +225,6 @@ def _check_test(spec: ImportSpec, test: TestTable, k: int) -> None:
             raise BadInput.from_rule(rule, got, where, "Add or remove channels of `file`.")
 
 
-#: What to write, if the file is not TOML: often it is the recording itself.
-_REMEDY = (
-    "Name the recording in a TOML file with the lines"
-    ' muscle = "muscle.toml", columns = {force = "Load [N]", …} and tests = [{file = "log.csv"}].'
-)
-
-
 def read_import_spec(path: str | Path) -> ImportSpec:
     """Return the import specification of a file.
 
@@ -239,7 +232,13 @@ def read_import_spec(path: str | Path) -> ImportSpec:
         BadInput: if the file is missing or not TOML, or if an entry is unknown or invalid.
     """
     path = Path(path)
-    raw = parse_toml(read_bytes(path), path.name, _REMEDY)
+    # Often the file is the recording itself.
+    tests = f'[{{file = "{path.name}"}}]'
+    remedy = (
+        "Name the recording in a TOML file with the lines"
+        f' muscle = "muscle.toml", columns = {{force = "Load [N]", …}} and tests = {tests}.'
+    )
+    raw = parse_toml(read_bytes(path), path.name, remedy)
     try:
         return ImportSpec.model_validate(raw)
     except ValidationError as error:

@@ -24,6 +24,12 @@ _THOUSANDS_PATTERN = re.compile(r"[+-]?\d{1,3}(?:([.,' ])\d{3})(?:\1\d{3})*(?:(?
 
 _CELL_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan", re.IGNORECASE)
 
+#: A number with a decimal comma.
+_COMMA_PATTERN = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
+
+#: Number of lines in which a missing column is searched.
+_MAX_SEARCHED_LINES = 100
+
 _SEPARATORS = {",": ",", ";": ";", "tab": "\t", "space": r"\s+"}
 
 
@@ -40,16 +46,16 @@ class RigFile:
         #: Number of lines above the first row of numbers; the rows of a MAT file count from 1.
         self.lines_above = 0
         self._format = file_format
+        #: First lines of a text file.
+        self._first_lines: list[str] = []
         raw = read_bytes(path)
         if path.suffix.lower() == ".mat":
             self._columns = read_mat(path, file_format.matrix)
-        else:
+        elif path.suffix.lower() == ".xlsx":
             self.lines_above = file_format.skip + file_format.header
-            self._columns = (
-                read_sheet(path, file_format)
-                if path.suffix.lower() == ".xlsx"
-                else _read_csv(decode_text(raw, self.name), file_format, self.name)
-            )
+            self._columns = read_sheet(path, file_format)
+        else:
+            self._columns = self._read_text(split_lines(decode_text(raw, self.name)), file_format)
 
     def __getitem__(self, column: int | str) -> np.ndarray:
         """Return the numbers of a column, (n,), NaN where a cell is blank.
@@ -72,13 +78,28 @@ class RigFile:
             raise BadInput.from_rule(
                 f"{self.name} must have a column `{column}`",
                 "none",
-                remedy=suggest_word(column, self._columns),
+                remedy=self._suggest_skip(column) or suggest_word(column, self._columns),
             )
         return self._parse_cells(self._columns[header], f"`{column}`")
 
     def locate_row(self, index: int) -> str:
         """Return the location of a row, for error messages."""
         return f"row {index + self.lines_above + 1} of {self.name}"
+
+    def _read_text(self, lines: list[str], file_format: FilesTable) -> dict[str, Any]:
+        """Return the columns of a text file, whose comments above the header are skipped."""
+        comment_lines = _count_comment_lines(lines[file_format.skip :], file_format.header)
+        file_format = file_format.model_copy(update={"skip": file_format.skip + comment_lines})
+        self.lines_above = file_format.skip + file_format.header
+        self._first_lines = lines[:_MAX_SEARCHED_LINES]
+        return _read_csv(lines, file_format, self.name)
+
+    def _suggest_skip(self, column: str) -> str:
+        """Return the remedy if a later line of a text file has the column; else an empty string."""
+        for k, line in enumerate(self._first_lines[self.lines_above :], self.lines_above):
+            if column in line:
+                return f"Line {k + 1} has it: write skip = {k} in [files]."
+        return ""
 
     def _parse_cells(self, cells: Any, column: str) -> np.ndarray:
         if isinstance(cells, np.ndarray) and cells.dtype.kind in "biuf":
@@ -107,16 +128,28 @@ def _suggest_format(cell: str) -> str:
     if match:
         decimal = f' and decimal = "{match[2]}"' if match[2] else ""
         return f'If "{match[1]}" separates thousands, write thousands = "{match[1]}"{decimal} in [files].'
+    if _COMMA_PATTERN.fullmatch(cell):
+        return 'If "," is the decimal mark, write decimal = "," in [files].'
     return "Check `skip`, `header` and `decimal` in [files]."
 
 
-def _read_csv(text: str, file_format: FilesTable, file: str) -> dict[str, Any]:
-    lines = split_lines(text)
+def _count_comment_lines(lines: list[str], has_header: bool) -> int:
+    """Return the number of lines above the table that begin with #, as in recording.csv.
+
+    If numbers follow them, the last of these lines is the header.
+    """
+    count = next((k for k, line in enumerate(lines) if not line.lstrip().startswith("#")), len(lines))
+    is_header = has_header and count < len(lines) and _CELL_PATTERN.match(lines[count].lstrip())
+    return max(count - 1, 0) if is_header else count
+
+
+def _read_csv(lines: list[str], file_format: FilesTable, file: str) -> dict[str, Any]:
     if not lines:
         raise BadInput.from_rule(f"{file} must have rows", "an empty file", remedy="Check the path.")
     if file_format.skip >= len(lines):
         rule = f"`skip` must be less than the number of lines of {file} ({len(lines)})"
         raise BadInput.from_rule(rule, f"{file_format.skip}", "[files]", "Count the lines above the header.")
+    remedy = _suggest_separator(lines[file_format.skip :], file_format)
     # The lines above the table may contain any characters.
     lines = ["\n" if k < file_format.skip else line for k, line in enumerate(lines)]
     mark = " " if file_format.separator == "space" else _SEPARATORS[file_format.separator]
@@ -142,10 +175,9 @@ def _read_csv(text: str, file_format: FilesTable, file: str) -> dict[str, Any]:
         raise BadInput.from_rule(
             f"{file} must be a table",
             _format_ragged(str(error)),
-            remedy="Check `skip` and `separator` in [files].",
+            remedy=remedy or "Check `skip` and `separator` in [files].",
         ) from error
-    if table.shape[1] == 1 and (other := _guess_separator(text, file_format)):
-        remedy = f'Write separator = "{other}" in [files].'
+    if table.shape[1] == 1 and remedy:
         raise BadInput.from_rule(
             f"the cells of {file} must be separated by {file_format.separator!r}", "", "", remedy
         )
@@ -165,7 +197,13 @@ def _format_ragged(message: str) -> str:
     return f"{match[3]} cells instead of {match[1]} in row {match[2]}" if match else message.strip().lower()
 
 
-def _guess_separator(text: str, file_format: FilesTable) -> str:
-    line = next((line for line in text.splitlines()[file_format.skip :] if line.strip()), "")
+def _suggest_separator(lines: list[str], file_format: FilesTable) -> str:
+    """Return the remedy if the first line has another separator; else an empty string."""
+    line = next((line for line in lines if line.strip()), "")
     marks = {";": ";", "\t": "tab", ",": "," if file_format.decimal == "." else ""}
-    return next((name for mark, name in marks.items() if mark in line and name != file_format.separator), "")
+    other = next((name for mark, name in marks.items() if mark in line and name != file_format.separator), "")
+    if not other:
+        return ""
+    has_decimal_commas = other != "," and any(re.search(r"\d,\d", row) for row in lines[1:3])
+    decimal = ' and decimal = ","' if has_decimal_commas and file_format.decimal == "." else ""
+    return f'Write separator = "{other}"{decimal} in [files].'

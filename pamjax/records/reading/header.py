@@ -165,6 +165,8 @@ def _check_required(
 def _build_missing_error(name: str, titles: Sequence[str], file: str, hint: str = "") -> BadInput:
     guess = _guess_header(name, titles)
     remedy = f'If it is `{guess}`, map it in muscle.toml: [columns] {name} = "{guess}".' if guess else ""
+    if not remedy and sum(bool(title.strip()) for title in titles) == 1:
+        remedy = "If the headers follow below, delete the lines above them, or begin these lines with #."
     remedy = remedy or f"Rename its header, or map it as `{name}` in [columns] of muscle.toml."
     quoted_titles = ", ".join(f"`{title}`" for title in titles if title)
     return BadInput.from_rule(

@@ -159,6 +159,21 @@ def test_headers_units_and_a_static_map(rig):
     np.testing.assert_array_equal(got.cycle, [1, 1])
 
 
+@pytest.mark.parametrize("above", ["# bench 2\n# Peter, Monday; 9 o'clock\n", "#\n", ""])
+def test_comments_above_the_header_are_skipped(rig, above):
+    got = rig(f"{above}P,Load [lbf]\n10,5\n20,11\n", columns=PLAIN)
+    np.testing.assert_allclose(got.force, [5 * LF, 11 * LF], atol=1e-4)
+    with pytest.raises(BadInput, match=f"row {above.count('#') + 3} of run.csv"):
+        rig(f"{above}P,Load [lbf]\n10,5\n20,much\n", columns=PLAIN)
+
+
+def test_header_behind_a_comment_mark_is_a_header(rig):
+    columns = PLAIN.replace('"P"', '"# P"')
+    assert columns != PLAIN
+    got = rig("# bench 2\n# P,Load [lbf]\n10,5\n20,11\n", columns=columns)
+    np.testing.assert_allclose(got.force, [5 * LF, 11 * LF], atol=1e-4)
+
+
 def test_volts_decimal_commas_and_lines_above(rig):
     text = "# bench 2\nPeter, Monday\nU_F;p\n0,50;1,0\n1,50;2,0\n"
     columns = (
@@ -293,6 +308,18 @@ def test_a_mat_file_of_version_7_3(rig, tmp_path):
         ),
         ({"text": "P;Load [lbf]\n1;2\n"}, "must be separated by ','. Write separator = \";\" in [files]."),
         (
+            {"text": "P;Load [lbf]\n1,5;2,5\n"},
+            'Write separator = ";" and decimal = "," in [files].',
+        ),
+        (
+            {"text": "P;Load [lbf]\n1,5;2,5\n", "files": 'separator = ";"'},
+            """got '2,5' in row 2 of run.csv. If "," is the decimal mark, write decimal = "," in [files].""",
+        ),
+        (
+            {"text": "Test 3,\n,\nP,Load [lbf]\n1,2\n"},
+            "run.csv must have a column `Load [lbf]`; got none. Line 3 has it: write skip = 2 in [files].",
+        ),
+        (
             {"text": "P,Load [lbf]\n1,2,3,4\n"},
             "run.csv must be a table; got rows with more cells than the header",
         ),
@@ -366,6 +393,13 @@ def test_invalid_import_is_refused_and_writes_nothing(rig, tmp_path, change, mes
     assert message in str(error.value)
     assert "\n" not in str(error.value)
     assert not (tmp_path / "case").exists()
+
+
+def test_recording_instead_of_its_description_is_named_in_the_remedy(tmp_path):
+    path = tmp_path / "bench 2.csv"
+    path.write_text("P,Load [lbf]\n10,5\n")
+    with pytest.raises(BadInput, match=r'and tests = \[\{file = "bench 2.csv"\}\]\.$'):
+        import_case(path, tmp_path / "case")
 
 
 def test_decreasing_time_is_reported_with_its_row(hose):

@@ -249,6 +249,12 @@ def test_invalid_row_is_refused(write, rows, text):
             "For a fixed length, state `length` in [muscle] of muscle.toml.",
         ),
         (
+            "time [s]",
+            "Test 3,,,,,\ntime [s]",
+            "a recording must have a column `pressure [kPa]`; got `Test 3` in recording.csv. If the headers"
+            " follow below, delete the lines above them, or begin these lines with #.",
+        ),
+        (
             "force [N],diameter [mm]",
             "a,b",
             "a recording must have a column `force [N]`; got `time [s]`, "
