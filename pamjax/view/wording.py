@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 
 from pamjax.channels import format_channel_value
 from pamjax.records.case import Case
@@ -39,6 +40,16 @@ def keep_units_with_numbers(text: str) -> str:
     """
     text = re.sub(r"(?<=\d) (?=(?:N|kPa|MPa|GPa|Pa|mm|m|s|ms|deg|sd)\b|%)", "\u00a0", text)
     return re.sub(r" ([±→]) ", "\u00a0\\1\u00a0", text)
+
+
+def wrap_title(text: str, letters: int) -> str:
+    """Return a text in lines of at most so many letters, without a break at a hyphen or before a unit.
+
+    >>> wrap_title("With friction: held-out RMS error of force 2.5 N", 20)
+    'With friction:\\nheld-out RMS error\\nof force 2.5 N'
+    """
+    lines = textwrap.fill(keep_units_with_numbers(text), letters, break_on_hyphens=False)
+    return lines.replace("\u00a0", " ")
 
 
 def format_history(case: Case) -> str:

@@ -13,7 +13,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 
 import numpy as np
 from matplotlib.axes import Axes as Panel
@@ -36,7 +35,7 @@ from pamjax.view.theme import (
     create_figure,
     separate_panels,
 )
-from pamjax.view.wording import format_signed
+from pamjax.view.wording import format_signed, wrap_title
 
 #: Largest number of rival mechanisms and of baseline parameters in a figure.
 _MAX_RIVALS, _MAX_SHIFTS = 7, 12
@@ -151,7 +150,7 @@ def plot_candidates(diagnosis: Diagnosis, mechanism: NamedMechanism, narrow: boo
         panel.set_yticks(y, labels)
         panel.set_ylim(len(labels) - 0.5, -0.5)
         panel.set_ylabel("replaced by")
-        drawing.suptitle(textwrap.fill(_format_rivalry(mechanism), 48 if narrow else 80), x=0.01, ha="left")
+        drawing.suptitle(wrap_title(_format_rivalry(mechanism), 48 if narrow else 80), x=0.01, ha="left")
         drawing.legend(
             handles=[create_mark("indistinguishable", marker="s", ms=7, alpha=0.3)],
             loc="outside lower center",
@@ -196,7 +195,7 @@ def plot_shifts(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
         panel.set_ylim(len(largest_shifts) - 0.5, -0.5)
         x_limit = 1.15 * max(2.0, *map(abs, shifts))
         panel.set(xlim=(-x_limit, x_limit), xlabel="shift [sd of the baseline fit]")
-        drawing.suptitle(textwrap.fill(_format_shifts(diagnosis), 48 if narrow else 80), x=0.01, ha="left")
+        drawing.suptitle(wrap_title(_format_shifts(diagnosis), 48 if narrow else 80), x=0.01, ha="left")
         drawing.legend(
             handles=[create_mark("± 1 sd of the baseline fit", marker="s", ms=7, alpha=0.3)],
             loc="outside lower center",

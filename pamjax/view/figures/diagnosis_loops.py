@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 
 import numpy as np
 from matplotlib.axes import Axes as Panel
@@ -34,6 +33,7 @@ from pamjax.view.theme import (
     apply_theme,
     create_figure,
 )
+from pamjax.view.wording import wrap_title
 
 #: Largest number of groups with a loop, and of measured points in each loop.
 _MAX_LOOPS, _MAX_LOOP_POINTS = 4, 120
@@ -69,7 +69,7 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
                 xlabel=row_layout.xlabel,
                 ylabel=f"{channel} [{DISPLAY_UNIT[channel]}]",
             )
-            panel.set_title(textwrap.fill(title, 46))
+            panel.set_title(wrap_title(title, 46))
             panel.label_outer()
         add_key(
             drawing,
@@ -234,7 +234,7 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
             )
             panel.label_outer()
         drawing.suptitle(
-            textwrap.fill(_format_explained_fraction(diagnosis, residual, correction), 48 if narrow else 104),
+            wrap_title(_format_explained_fraction(diagnosis, residual, correction), 48 if narrow else 104),
             x=0.01,
             ha="left",
         )

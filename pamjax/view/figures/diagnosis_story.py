@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 
 import numpy as np
 from matplotlib.axes import Axes as Panel
@@ -25,6 +24,7 @@ from pamjax.view.theme import (
     apply_theme,
     create_figure,
 )
+from pamjax.view.wording import wrap_title
 
 #: Largest number of other mechanisms in the second step.
 _MAX_STORY_RIVALS = 4
@@ -63,7 +63,7 @@ def plot_story(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
         for panel, title in zip(
             panels, _format_steps(diagnosis, channel, baseline_residual, model_residual), strict=True
         ):
-            panel.set_title(textwrap.fill(title, _TITLE_LETTERS))
+            panel.set_title(wrap_title(title, _TITLE_LETTERS))
         add_key(
             drawing,
             panels,

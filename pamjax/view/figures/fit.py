@@ -12,7 +12,6 @@ The figure of the priors is in `fit_priors.py`.
 from __future__ import annotations
 
 import math
-import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -49,11 +48,14 @@ from pamjax.view.theme import (
     save_png,
     separate_panels,
 )
+from pamjax.view.wording import wrap_title
 
 #: Largest number of blocks that all have a label on the axis.
 _MAX_NAMED_BLOCKS = 30
 #: Largest number of rows that are drawn as large points above the lines.
 _MAX_CLEAR_POINTS = 200
+#: Largest increase of the held-out error that the title has in percent; a larger one is a ratio.
+_MAX_PERCENT_MORE = 200.0
 
 
 def plot_prediction(case_fit: CaseFit, narrow: bool = False) -> Figure:
@@ -189,7 +191,7 @@ def plot_residual(case_fit: CaseFit, narrow: bool = False) -> Figure:
         for panel, label in zip(grid[-1], columns, strict=True):
             panel.set_xlabel(label)
         titles = [format_outliers(case_fit, channel) for channel in channels]
-        titles = [textwrap.fill(text, 52) for text in titles] if narrow else titles
+        titles = [wrap_title(text, 52) for text in titles] if narrow else titles
         drawing.suptitle("\n".join(titles), x=0.01, ha="left")
         is_known = all(case_fit.noise[channel].is_known for channel in channels)
         noise_name = "noise" if is_known else "noise (of the residual if no noise is stated)"
@@ -314,6 +316,9 @@ def _format_generalisation(case_fit: CaseFit, channel: str) -> str:
     percent_more = 100 * (held_out_rmse / fitted_rmse - 1) if fitted_rmse > 0 else math.inf
     if abs(percent_more) < 0.5:
         return f"{head}as in the fit"
+    if percent_more > _MAX_PERCENT_MORE:
+        ratio = held_out_rmse / fitted_rmse
+        return f"{head}{ratio:.3g} times that of the fit ({format_channel_value(fitted_rmse, channel)})"
     return (
         f"{head}{abs(percent_more):.0f} % {'more' if percent_more > 0 else 'less'} than in the fit"
         f" ({format_channel_value(fitted_rmse, channel)})"

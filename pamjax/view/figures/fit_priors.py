@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -21,7 +20,7 @@ from pamjax.view.theme import (
     apply_theme,
     create_figure,
 )
-from pamjax.view.wording import format_signed
+from pamjax.view.wording import format_signed, wrap_title
 
 #: Smallest shift that is reported, in standard deviations of the prior.
 _MIN_PRIOR_SHIFT = 0.05
@@ -47,7 +46,7 @@ def plot_prior(fit: Fit, narrow: bool = False) -> Figure | None:
         panel.set(xlabel="estimate − prior [sd of the prior]")
         title = _format_sd_reduction(fit)
         # Use the width of the figure, because the panel of a phone is too narrow.
-        drawing.suptitle(textwrap.fill(title, 48) if narrow else title, x=0.01, ha="left", fontsize=8)
+        drawing.suptitle(wrap_title(title, 48) if narrow else title, x=0.01, ha="left", fontsize=8)
         handles = [
             create_mark("prior ± 1 sd", marker="s", ms=7, alpha=0.3),
             create_mark("estimate ± 1 sd", marker="o", ls="-", color=OKABE_ITO["blue"]),

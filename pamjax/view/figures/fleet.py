@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
-
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -25,6 +23,7 @@ from pamjax.view.theme import (
     apply_theme,
     create_figure,
 )
+from pamjax.view.wording import wrap_title
 
 #: Largest number of specimens in a ridge; of more, the outliers and evenly spaced ranks are drawn.
 _MAX_RIDGES = 40
@@ -231,4 +230,4 @@ def _label_axis(distribution: ParameterDistribution) -> str:
 
 
 def _wrap(text: str, narrow: bool) -> str:
-    return textwrap.fill(text, 46 if narrow else 100)
+    return wrap_title(text, 46 if narrow else 100)

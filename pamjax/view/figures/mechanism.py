@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 
 import numpy as np
@@ -37,6 +36,7 @@ from pamjax.view.theme import (
     build_pressure_colours,
     create_figure,
 )
+from pamjax.view.wording import wrap_title
 
 #: Largest change, and largest loop width, that counts as negligible, N and mm.
 _NEGLIGIBLE_CHANGE = {"force": 0.05, "diameter": 2e-3}
@@ -65,7 +65,7 @@ def plot_mechanism(kind: type[AbstractMechanism], narrow: bool = False) -> Figur
         add_panel_letters(panels)
         drawing.legend(handles=_build_key(colours), loc="outside lower center", ncols=1 if narrow else 3)
         title = f"{kind.id}: {kind.about.title} ({_format_demo_values(kind)})"
-        drawing.suptitle(textwrap.fill(title, 48 if narrow else 100), x=0.01, ha="left")
+        drawing.suptitle(wrap_title(title, 48 if narrow else 100), x=0.01, ha="left")
     return drawing
 
 

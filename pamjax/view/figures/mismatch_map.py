@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -19,6 +18,7 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.records.levels import assign_levels, find_levels
 from pamjax.view.theme import DOUBLE_COLUMN, SINGLE_COLUMN, apply_theme, create_figure
+from pamjax.view.wording import wrap_title
 
 #: Number of cells along an axis without levels, and largest number of levels with a cell each.
 _AXIS_CELLS, _MAX_LEVEL_CELLS = 18, 24
@@ -134,7 +134,7 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
         bar.set_label(f"{diagnosis.problem.channels[channel_index]}: measured − baseline [noise sd]")
         bar.outline.set_visible(False)
         drawing.suptitle(
-            textwrap.fill(
+            wrap_title(
                 _format_location(diagnosis, diagnosis.problem.channels[channel_index]), 48 if narrow else 104
             ),
             x=0.01,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +23,7 @@ from pamjax.view.theme import (
     create_figure,
     save_png,
 )
+from pamjax.view.wording import wrap_title
 
 #: Colour of the best plan with one channel only.
 _CHANNEL_COLOURS = {"force": "orange", "length": "orange", "diameter": "sky"}
@@ -62,7 +62,7 @@ def plot_precision(plan: Plan, course: PrecisionCourse, narrow: bool = False) ->
         _plot_precision_course(panel, plan, course)
         condition = ", if the model were right" if format_misfit(plan) else ""
         title = f"{_format_reached_precision(plan, course)}{condition}"
-        panel.set_title(textwrap.fill(title, 42) if narrow else title)
+        panel.set_title(wrap_title(title, 42) if narrow else title)
         handles = [create_mark("expected after each run", marker="o", ls="-", color=OKABE_ITO["black"])]
         if plan.target_sd:
             handles.append(create_mark("target", ls=":"))

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 import re
-import textwrap
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -42,7 +41,7 @@ from pamjax.view.theme import (
     create_figure,
     save_png,
 )
-from pamjax.view.wording import format_signed
+from pamjax.view.wording import format_signed, wrap_title
 
 #: Parameters in the corner plot of a phone: the most correlated ones.
 MAX_NARROW_PANELS = 4
@@ -116,7 +115,7 @@ def plot_corner(post: Posterior, narrow: bool = False) -> Figure:
         title = _format_strongest_correlation(post, indices)
         if len(indices) < len(all_indices):
             title += f"; {len(indices)} of {len(all_indices)} parameters"
-        title = textwrap.fill(title, 46) if narrow else title
+        title = wrap_title(title, 46) if narrow else title
         drawing.suptitle(title, x=0.01, ha="left", fontsize=8 if narrow else None)
     return drawing
 

@@ -10,7 +10,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -32,6 +31,7 @@ from pamjax.view.figures.posterior_axes import (
     select_parameters,
 )
 from pamjax.view.theme import DOUBLE_COLUMN, REFERENCE_COLOUR, SINGLE_COLUMN, apply_theme, create_figure
+from pamjax.view.wording import wrap_title
 
 #: Largest number of chains in a trace plot.
 _TRACED_CHAINS = 8
@@ -101,7 +101,7 @@ def plot_traces(post: Posterior, narrow: bool = False) -> Figure:
             f"{state}: effective sample size ≥ {post.convergence.ess.min():.0f},"
             f" R-hat ≤ {post.convergence.rhat.max():.3f}"
         )
-        drawing.suptitle(textwrap.fill(title, 46) if narrow else title, x=0.01, ha="left")
+        drawing.suptitle(wrap_title(title, 46) if narrow else title, x=0.01, ha="left")
     return drawing
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +24,7 @@ from pamjax.view.theme import (
     create_figure,
     save_png,
 )
+from pamjax.view.wording import wrap_title
 
 #: Number of isobars in a chart, and of points along each.
 _ISOBAR_COUNT, _CHART_CONTRACTION_COUNT = 6, 80
@@ -66,7 +66,7 @@ def plot_chart(design: Design, narrow: bool = False) -> Figure:
         _plot_points(panel, design)
         top_force = 1.08 * max(*max_forces, float(np.nanmax(design.task.loads)))
         title = _format_chart_title(design)
-        title = textwrap.fill(title, 46) if narrow else title
+        title = wrap_title(title, 46) if narrow else title
         panel.set(
             xlim=(-0.5, 100 * end_contraction), ylim=(0, top_force), xlabel="contraction [%]", title=title
         )
@@ -196,7 +196,7 @@ def plot_sensitivities(design: Design, narrow: bool = False) -> Figure | None:
         panel = drawing.subplots()
         y = np.arange(len(rows))
         panel.barh(y, [row[1] for row in rows], color=[colour[row[2]] for row in rows], height=0.62)
-        panel.set_yticks(y, [textwrap.fill(row[0], 26) if narrow else row[0] for row in rows])
+        panel.set_yticks(y, [wrap_title(row[0], 26) if narrow else row[0] for row in rows])
         panel.invert_yaxis()
         panel.axvline(0, color=REFERENCE_COLOUR, lw=0.6)
         panel.set_xlabel(f"change of {objective} [%]")
@@ -205,7 +205,7 @@ def plot_sensitivities(design: Design, narrow: bool = False) -> Figure | None:
             f"Relaxing “{top_sensitivity.requirement.description}” by 1 % reduces {objective} by"
             f" {top_sensitivity.percent_saved:.2g} %"
         )
-        drawing.suptitle(textwrap.fill(title, 46) if narrow else title, x=0.01, ha="left", fontsize=8)
+        drawing.suptitle(wrap_title(title, 46) if narrow else title, x=0.01, ha="left", fontsize=8)
         handles = [create_mark("requirement relaxed by 1 %", marker="s", ms=7, color=colour["requirement"])]
         if any(row[2] == "property" for row in rows):
             handles.append(

@@ -15,7 +15,9 @@ def list_model_uses(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     if recording.measures_length:
         return [simulate]
     force, length = _choose_state(recording)
-    command = f'pamjax inverse model.json --force "{force:.3g} N" --length "{1e3 * length:.4g} mm"'
+    # No exponent, as 1.49e+03 would have.
+    force_text = f"{force:.0f} N" if force >= 100 else f"{force:.3g} N"
+    command = f'pamjax inverse model.json --force "{force_text}" --length "{1e3 * length:.4g} mm"'
     return [
         ("Test the model on another recording", "pamjax validate model.json OTHER"),
         ("Compute the pressure for a force at a length", command),

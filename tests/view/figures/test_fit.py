@@ -20,6 +20,7 @@ from pamjax.records.case import Case
 from pamjax.records.reading.muscle_toml import parse_muscle_toml
 from pamjax.records.recording import Recording
 from pamjax.view.figures.fit import (
+    _format_generalisation,
     plot_held_out,
     plot_prediction,
     plot_residual,
@@ -215,6 +216,17 @@ def test_each_block_has_a_training_and_a_held_out_score():
     assert panel.get_xlabel() == "RMS error of force [N]"
     title = panel.get_title("left").splitlines()
     assert title == ["Held-out lengths: RMS error of force 3 N,", "50 % more than in the fit (2 N)"]
+
+
+@pytest.mark.parametrize(
+    ("held_out", "text"),
+    [(6.0, "200 % more than in the fit (2 N)"), (46.0, "23 times that of the fit (2 N)")],
+)
+def test_large_held_out_error_is_a_ratio(held_out, text):
+    case_fit = lengths()
+    score = replace(case_fit.held_out_score, rmse={"force": held_out})
+    case_fit = replace(case_fit, rmse={"force": 2.0}, held_out_score=score)
+    assert _format_generalisation(case_fit, "force").splitlines()[1] == text
 
 
 def test_fit_without_held_out_blocks_is_refused():

@@ -25,6 +25,7 @@ from pamjax.view.reports.diagnosis import (
     write_diagnosis_report,
 )
 from pamjax.view.reports.diagnosis_answer import format_headline, list_answers, list_held_out_bars
+from pamjax.view.reports.model_uses import list_model_uses
 from pamjax.view.reports.page import render_svg
 from pamjax.view.wording import format_noise
 from tests.view.html_page import Page
@@ -150,6 +151,19 @@ def test_unchanged_parameter_has_no_sign():
     shift = result.parameter_shifts["muscle.turns"]
     result.parameter_shifts["muscle.turns"] = replace(shift, shift_in_sd=-0.04)
     assert [row[-1] for row in _list_shifts(result)] == ["+8.9 sd", "0.0 sd"]
+
+
+@pytest.mark.parametrize(("scale", "text"), [(10.0, "2100 N"), (0.01, "2.1 N")])
+def test_example_force_has_no_exponent(scale, text):
+    result = diagnosis()
+    recording = result.problem.case.recording
+    force = scale * np.where(
+        np.arange(recording.n) == 5, 210.0, np.where(np.arange(recording.n) == 6, 420.0, 0)
+    )
+    case = replace(result.problem.case, recording=replace(recording, force=force))
+    problem = SimpleNamespace(**vars(result.problem) | {"case": case})
+    commands = " ".join(command for _, command in list_model_uses(replace(result, problem=problem)))
+    assert f'--force "{text}"' in commands
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
