@@ -67,6 +67,8 @@ class PriorInformation:
         scale: (p,) unit of each parameter, SI: the sd of its prior, or a share of its range.
         matrix: (p, p) information of the priors and of the existing recording, in these units.
         misfit_ratios: for each channel of that recording, the rms residual over the noise.
+        has_residual_noise: whether the residual of an isotonic recording counts as the noise of length,
+            because no noise is stated.
     """
 
     muscle_toml: MuscleToml
@@ -78,6 +80,7 @@ class PriorInformation:
     scale: np.ndarray
     matrix: np.ndarray
     misfit_ratios: Mapping[str, float] = field(default_factory=dict)
+    has_residual_noise: bool = False
 
     def find_index(self, name: str) -> int:
         """Return the index of a parameter."""

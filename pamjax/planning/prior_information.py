@@ -134,16 +134,17 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
         updated_matrix = prior_information.matrix.copy()
         updated_matrix[:muscle_count, :muscle_count] += measured
         capabilities, length_noise = prior_information.capabilities, noise["length"]
-        if not length_noise.is_known:
-            # Without a stated noise, the next runs have the residual of the recording.
-            length_sd = max(capabilities.length_sd, length_noise.sd)
-            capabilities = replace(capabilities, length_sd=length_sd)
+        # Without a stated noise, the next runs have the residual of the recording.
+        has_residual_noise = not length_noise.is_known and length_noise.sd > capabilities.length_sd
+        if has_residual_noise:
+            capabilities = replace(capabilities, length_sd=length_noise.sd)
         return replace(
             prior_information,
             capabilities=capabilities,
             mean=values,
             matrix=updated_matrix,
             misfit_ratios={c: channel_noise.rms_over_noise for c, channel_noise in noise.items()},
+            has_residual_noise=has_residual_noise,
         )
     label, matrix = np.zeros(case.recording.n, dtype=int), recorded_information.matrix
     for channel, channel_noise in noise.items():

@@ -80,6 +80,10 @@ def format_neglected(plan: Plan) -> str:
     sentence = "rubber, friction and tapered ends are neglected, and their uncertainty is not included"
     if plan.prior.capabilities.measures_length:
         sentence += "; rubber changes the contraction without a load most"
+    if plan.prior.has_residual_noise:
+        noise = format_quantity(plan.prior.capabilities.length_sd, "mm", 2)
+        sentence += "; the noise of length is not stated, so the residual of the recording counts as noise"
+        sentence += f" ({noise})"
     return sentence + independence
 
 

@@ -1,5 +1,6 @@
 """A plan of an isotonic rig sets forces; its information has the closed form of inextensible threads."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -175,3 +176,10 @@ def test_residual_of_a_recording_without_stated_noise_counts_as_noise():
     case = case_from(pd.DataFrame(table | {"length [mm]": exact + residual}), muscle, name="free")
     result = plan(case, goal="muscle.thread_length", to="1 mm", minutes=20.0)
     assert 2.5e-3 < result.prior.capabilities.length_sd < 4e-3
+    assert re.search(r"the residual of the recording counts as noise \(3\.\d mm\)", str(result))
+    stated = case_from(
+        pd.DataFrame(table | {"length [mm]": exact + residual}),
+        muscle | {"sensors": {"length": "3 mm"}},
+        name="free",
+    )
+    assert "counts as noise" not in str(plan(stated, goal="muscle.thread_length", to="1 mm", minutes=20.0))
