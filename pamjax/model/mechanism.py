@@ -87,6 +87,8 @@ class AbstractMechanism(eqx.Module):
     needs_time: ClassVar[bool] = False
     #: Whether its effect at a sample depends on pressure or length at other samples.
     mixes_samples: ClassVar[bool] = False
+    #: Whether its effect depends on the speed of the muscle, or on the flow into it.
+    uses_rate: ClassVar[bool] = False
 
     def prepare(self, thread_length: Scalar, turns: Scalar) -> AbstractMechanism:
         """Return the mechanism for one braid, with the quantities that all its states share computed."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.input_noise import propagate_input_noise
+from pamjax.diagnosis.noise.turn_variance import estimate_turn_variance
 from pamjax.infer.noise.estimate import compute_noise_variances, estimate_noise_model
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.noise.static_table import TableVariance, estimate_table_variance
@@ -25,7 +26,7 @@ def estimate_noise(
         training_mask: (n,) whether a row is used in the fit.
         max_noise_ratio: largest plausible ratio of true and stated noise of a sensor; 1 if it is exact.
     """
-    return estimate_noise_model(
+    noise = estimate_noise_model(
         problem.case,
         problem.measured - problem.predict(values),
         np.isfinite(problem.measured),
@@ -38,6 +39,8 @@ def estimate_noise(
         settings=problem.settings,
         max_noise_ratio=max_noise_ratio,
     )
+    turn_variance = estimate_turn_variance(problem, values)
+    return noise if turn_variance is None else noise.add_row_variance(turn_variance)
 
 
 def predict_dataset(problem: LibraryProblem, dataset: Dataset, values: np.ndarray) -> np.ndarray:

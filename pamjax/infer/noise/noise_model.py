@@ -46,9 +46,17 @@ class NoiseModel:
         return out
 
     def compute_rms_sd(self, c: int) -> float:
-        """Return the rms of the sds of a channel's samples, SI; infinite without measurements."""
+        """Return the rms of the sds of a channel's samples, SI; infinite without measurements.
+
+        Samples that are a run of their own count only if there are no others.
+        """
         channel = self.by_channel[c]
-        return math.inf if channel is None else float(np.sqrt(np.mean(channel.sd[self.rows[c]] ** 2)))
+        if channel is None:
+            return math.inf
+        sizes = self.runs[c][:, 1] - self.runs[c][:, 0]
+        is_in_run = np.repeat(sizes > 1, sizes)
+        rows = self.rows[c][is_in_run] if is_in_run.any() else self.rows[c]
+        return float(np.sqrt(np.mean(channel.sd[rows] ** 2)))
 
     def restrict_to_rows(self, mask: np.ndarray) -> NoiseModel:
         """Return the same noise model for the rows of a mask, (n,), only."""
@@ -58,6 +66,24 @@ class NoiseModel:
             for channel_rows, run in zip(self.rows, self.runs, strict=True)
         )
         return replace(self, rows=rows, runs=runs)
+
+    def add_row_variance(self, variance: np.ndarray) -> NoiseModel:
+        """Return the noise with a further variance of some samples, which become runs of their own.
+
+        Args:
+            variance: (2, n) SI squared; zero for no further variance.
+        """
+        by_channel, all_runs = [], []
+        for c, (channel, rows, runs) in enumerate(zip(self.by_channel, self.rows, self.runs, strict=True)):
+            is_changed = variance[c, rows] > 0
+            if channel is not None and is_changed.any():
+                channel = replace(channel, sd=np.sqrt(channel.sd**2 + variance[c]))
+                edges = np.flatnonzero(is_changed)
+                bounds = np.unique(np.concatenate([runs[:, 0], [rows.size], edges, edges + 1]))
+                runs = np.stack([bounds[:-1], bounds[1:]], axis=1)
+            by_channel.append(channel)
+            all_runs.append(runs)
+        return replace(self, by_channel=tuple(by_channel), runs=tuple(all_runs))
 
     def build_filter(self, size: int) -> Whitening:
         """Return the filter for the residuals of a dataset of `size` rows, within a compiled program."""

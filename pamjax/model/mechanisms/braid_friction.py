@@ -78,6 +78,7 @@ class BraidFriction(AbstractMemory):
     """
 
     id: ClassVar[str] = "braid_friction"
+    uses_rate: ClassVar[bool] = True
     about: ClassVar[Description] = Description(
         title="friction between braid threads",
         equation="F = F0 + Fc mean(y) + mu mean(z),  stops -(1 - a) g <= y, z/S <= (1 + a) g\n"

@@ -34,6 +34,7 @@ class PressureDrop(AbstractPressureLoss):
     id: ClassVar[str] = "pressure_drop"
     needs_time: ClassVar[bool] = True
     mixes_samples: ClassVar[bool] = True
+    uses_rate: ClassVar[bool] = True
     about: ClassVar[Description] = Description(
         title="pressure drop between gauge and muscle",
         equation="P = P_m - Z Q - K (1 + c P_m/Pa) Q |Q|,   Q = dV/dt;   dF = (Z + K |Q|) (dV/dL)^2 dL/dt",

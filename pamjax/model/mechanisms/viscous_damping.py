@@ -33,6 +33,7 @@ class ViscousDamping(AbstractMemory):
     """
 
     id: ClassVar[str] = "viscous_damping"
+    uses_rate: ClassVar[bool] = True
     about: ClassVar[Description] = Description(
         title="damping force that increases with speed",
         equation="F = F0 + (c + b P) v |v/v1|^(m-1)",

@@ -79,3 +79,26 @@ def test_channel_without_rows_is_left_out():
     np.testing.assert_allclose(force_alone.whiten(values), _whiten(channel, values[0]), atol=1e-12)
     # No derivatives, as for a model without free parameters.
     assert force_alone.whiten(np.empty((0, 2, 9))).shape == (0, 9)
+
+
+def test_a_sample_with_a_further_variance_is_independent_of_its_neighbours():
+    n, changed = 40, 17
+    rows, runs = np.arange(n), np.array([[0, n]])
+    channel = Ar1Noise(np.full(n, 2.0), 1.0, 0.8, True)
+    noise = NoiseModel((channel, None), (rows, rows[:0]), (runs, np.zeros((0, 2), int)))
+    variance = np.zeros((2, n))
+    variance[0, changed] = 96.0
+    wider = noise.add_row_variance(variance)
+    residual = np.zeros((2, n))
+    residual[0, changed] = 10.0
+    expected = np.zeros(n)
+    expected[changed] = 1.0
+    np.testing.assert_allclose(wider.whiten(residual), expected, atol=1e-12)
+    # With one run, the next sample is not white: a negative control.
+    assert abs(noise.whiten(residual)[changed + 1]) > 1.0
+    # Each part is that of the samples alone.
+    parts = [noise.restrict_to_rows(mask) for mask in (rows < changed, rows > changed)]
+    alone = 2 * np.log(10.0)
+    assert wider.log_determinant == pytest.approx(alone + sum(part.log_determinant for part in parts))
+    assert wider.compute_rms_sd(0) == pytest.approx(2.0)
+    assert noise.add_row_variance(np.zeros((2, n))).runs[0].tolist() == runs.tolist()
