@@ -177,6 +177,9 @@ def _refine(context: TemplateContext, id: str, places: np.ndarray, k: int, share
     """Return the templates of a family between the neighbours of its k-th place, which divide its share."""
     spacing = np.diff(places, prepend=0 if len(places) == 1 else 2 * places[0] - places[1])
     low, high = places[k] - spacing[k], places[k] + spacing[min(k + 1, len(places) - 1)]
+    if TEMPLATES[id].list_places is _list_moments:
+        # A change that precedes nearly all samples is a constant property of the muscle or the rig.
+        low, high = max(low, places[0] - 1), min(high, places[-1] + 1)
     finer = np.linspace(low, high, _FINER_COUNT + 2)
     finer = np.unique(finer.astype(places.dtype))
     inner = [j for j in range(len(finer)) if low < finer[j] < high and finer[j] != places[k]]
