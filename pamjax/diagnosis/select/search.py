@@ -241,8 +241,10 @@ def _add_candidates(
         best = best or fit_best_candidate(search, form_error_fit, directions)
         if best is None or not search.is_worthwhile(form_error_fit, best, may_be_small):
             return fit, best
-        best = choose_forms(search.problem, search.refit(best), search.candidates)
-        fit, directions, best = _swap_mechanisms(search, search.refit(best)), None, None
+        added = search.refit(best)
+        chosen = choose_forms(search.problem, added, search.candidates)
+        fit = _swap_mechanisms(search, added if chosen is added else search.refit(chosen))
+        directions, best = None, None
     return fit, None
 
 
