@@ -16,8 +16,7 @@ import numpy as np
 from pamjax.benchmark.other_forms.case_files import build_bank_case
 from pamjax.benchmark.other_forms.draw import BANK_KINDS, BankRecording, draw_bank_recording
 from pamjax.benchmark.trial import RecoveredParameter, Trial, TrialTask, diagnose_trial
-from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model, switch_off_candidate
+from pamjax.diagnosis.crossval.held_out_ratios import compute_held_out_ratios
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.records.blocks import find_blocks
 
@@ -66,7 +65,8 @@ def _compare_with_key(bank_recording: BankRecording, diagnosis: Diagnosis) -> di
         "reported_ties": find_reported_ties(concealed_ids, named_ids, ties),
         "unexplained": bool(diagnosis.unexplained),
         "parameters": tuple(_compare_usual_parameters(bank_recording, diagnosis)),
-        "held_out_ratios": _compute_held_out_ratios(diagnosis),
+        "held_out_ratios": _list_held_out_ratios(diagnosis),
+        "residual_share": round(float(diagnosis.residual_share), 4),
     }
 
 
@@ -100,38 +100,13 @@ def _compare_usual_parameters(
     return out
 
 
-def _compute_held_out_ratios(diagnosis: Diagnosis) -> tuple[float, ...]:
-    """Return for each named mechanism the held-out error with it over that without it.
-
-    Both models are refitted without the held-out blocks. The error is the rms over force and diameter in
-    noise standard deviations. Above one, the mechanism makes the prediction worse. Empty without
-    held-out blocks.
-    """
-    problem, held_out = diagnosis.problem, diagnosis.held_out_errors.held_out_mask
-    names = {name.id for name in diagnosis.named_mechanisms}
-    if not held_out.any() or not names:
-        return ()
-    mechanisms = tuple(m for m in diagnosis.model.mechanisms if m.id in names)
-    full = fit_model(problem, ~held_out, mechanisms, diagnosis.model.estimate.values)
-    error, out = _compute_held_out_error(problem, full, full, held_out), []
-    for name in diagnosis.named_mechanisms:
-        others = tuple(m for m in mechanisms if m.id != name.id)
-        values = full.estimate.values
-        for candidate in (m for m in mechanisms if m.id == name.id):
-            values = switch_off_candidate(problem, values, candidate)
-        without = fit_model(problem, ~held_out, others, values)
-        out.append(error / max(_compute_held_out_error(problem, without, full, held_out), 1e-12))
-    return tuple(out)
-
-
-def _compute_held_out_error(
-    problem: LibraryProblem, fit: ModelFit, reference: ModelFit, rows: np.ndarray
-) -> float:
-    """Return the rms of a fit over some rows in the noise sd of a reference fit."""
-    misfit = problem.measured - problem.predict(fit.estimate.values)
-    parts = [
-        (misfit[c] / channel.sd)[rows]
-        for c, channel in enumerate(reference.noise.by_channel)
-        if channel is not None
-    ]
-    return float(np.sqrt(np.nanmean(np.concatenate(parts) ** 2)))
+def _list_held_out_ratios(diagnosis: Diagnosis) -> tuple[float, ...]:
+    """Return for each named mechanism the held-out error with it over that without it."""
+    names = [name.id for name in diagnosis.named_mechanisms]
+    ratios = compute_held_out_ratios(
+        diagnosis.problem,
+        ~diagnosis.held_out_errors.held_out_mask,
+        [m for m in diagnosis.model.mechanisms if m.id in names],
+        diagnosis.model.estimate.values,
+    )
+    return tuple(ratios[id] for id in names) if ratios else ()

@@ -122,6 +122,7 @@ class Trial:
         outside_size: its size in noise standard deviations.
         misstated: whether the sensors differ from muscle.toml.
         held_out_ratios: held-out error with each identified mechanism over that without it.
+        residual_share: share of the misfit that the final model leaves, in the bank of other forms.
     """
 
     stage: str
@@ -157,6 +158,7 @@ class Trial:
     outside_size: float = 0.0
     misstated: bool = False
     held_out_ratios: tuple[float, ...] = ()
+    residual_share: float = 0.0
 
     @property
     def key(self) -> TrialKey:

@@ -17,6 +17,7 @@ from pamjax.diagnosis.crossval.held_out_errors import (
     HeldOutErrors,
     compute_held_out_errors,
 )
+from pamjax.diagnosis.crossval.held_out_ratios import drop_harmful_mechanisms, format_harmful_mechanisms
 from pamjax.diagnosis.detect.locate import locate_effects, locate_residual
 from pamjax.diagnosis.detect.residual_test import (
     compute_residual_share,
@@ -185,11 +186,15 @@ def _diagnose_rows(rows: DiagnosedRows, seed: int, progress: Progress) -> Diagno
         search_problem, rows.length[rows.search_rows], rows.search_blocks
     )
     tested_selection = _test_against_templates(training, selection, build_templates_at)
-    confirmed_selection = _cross_validate_on_blocks(training, tested_selection)
-    held_out_test = _test_held_out_rows(rows, confirmed_selection.selection)
-    confirmed_selection = _doubt_failed_prediction(training, confirmed_selection, held_out_test.errors)
+    cross_validated_selection = _cross_validate_on_blocks(training, tested_selection)
+    confirmed_selection, held_out_test = _check_on_held_out_rows(rows, training, cross_validated_selection)
     final_fit = _fit_all_rows(rows.problem, confirmed_selection.selection)
-    notes = _list_selection_notes(tested_selection, confirmed_selection, settings)
+    notes = [
+        *confirmed_selection.replacement_notes,
+        *format_dropped_mechanisms(tested_selection.selection, cross_validated_selection.selection),
+        *format_harmful_mechanisms(cross_validated_selection.selection, confirmed_selection.selection),
+        *format_masked_mechanisms(confirmed_selection.selection, settings),
+    ]
     progress("proposing experiments", 0.9)
     experiments = propose_experiments(rows.problem, final_fit.model, final_fit.selection.named_mechanisms)
     diagnosis = _build_diagnosis(
@@ -294,6 +299,30 @@ def _cross_validate_on_blocks(training: _Training, tested_selection: _TestedSele
     return confirmed_selection if is_explained else _reduce_certainty(problem, confirmed_selection)
 
 
+def _check_on_held_out_rows(
+    rows: DiagnosedRows, training: _Training, tested_selection: _TestedSelection
+) -> tuple[_TestedSelection, _HeldOutTest]:
+    """Return the selection that the held-out rows do not contradict, and its errors there."""
+    held_out_test = _test_held_out_rows(rows, tested_selection.selection)
+    doubted_selection = _doubt_failed_prediction(training, tested_selection, held_out_test.errors)
+    remaining_selection = _drop_harmful_mechanisms(training, doubted_selection)
+    if remaining_selection is not doubted_selection:
+        held_out_test = _test_held_out_rows(rows, remaining_selection.selection)
+    return remaining_selection, held_out_test
+
+
+def _drop_harmful_mechanisms(training: _Training, tested_selection: _TestedSelection) -> _TestedSelection:
+    """Return the selection; beside an unexplained part, without mechanisms that increase held-out errors."""
+    if not tested_selection.unexplained:
+        return tested_selection
+    problem, before = training.problem, tested_selection.selection
+    selection = drop_harmful_mechanisms(problem, training.mask, before)
+    if selection is before:
+        return tested_selection
+    retested = _test_selection(training, selection, tested_selection.replacement_notes)
+    return replace(retested, unexplained=True)
+
+
 def _test_held_out_rows(rows: DiagnosedRows, selection: Selection) -> _HeldOutTest:
     """Return the prediction of the held-out rows by a fit of the selected model without them."""
     problem, mask = rows.problem, rows.training_mask
@@ -363,17 +392,6 @@ def _fit_all_rows(problem: LibraryProblem, selection: Selection) -> _FinalFit:
         form_errors,
         build_saved_form_errors(problem, form_error_fit),
     )
-
-
-def _list_selection_notes(
-    tested_selection: _TestedSelection, confirmed_selection: _TestedSelection, settings: DiagnosisSettings
-) -> list[str]:
-    """Return the notes on mechanisms that were replaced, dropped or masked."""
-    return [
-        *confirmed_selection.replacement_notes,
-        *format_dropped_mechanisms(tested_selection.selection, confirmed_selection.selection),
-        *format_masked_mechanisms(confirmed_selection.selection, settings),
-    ]
 
 
 def _fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarray) -> ModelFit:

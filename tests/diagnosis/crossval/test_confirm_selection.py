@@ -34,7 +34,7 @@ RUBBER_AND_STEP = replace(RUBBER, smallest=5.0, largest=5.0, unmodelled="zero_st
 def test_held_out_values_change_neither_names_nor_predictions_but_their_certainty():
     diagnosis, case = diagnose_bank(RUBBER), simulate_bank(RUBBER).case
     held_out = diagnosis.held_out_errors.held_out_mask
-    changed = diagnose(replace_recording(case, force=case.recording.force + np.where(held_out, 40.0, 0.0)))
+    changed = diagnose(replace_recording(case, force=case.recording.force + np.where(held_out, 15.0, 0.0)))
     assert 0 < held_out.sum() < held_out.size
     assert [m.id for m in changed.named_mechanisms] == [m.id for m in diagnosis.named_mechanisms]
     agree(
@@ -42,7 +42,7 @@ def test_held_out_values_change_neither_names_nor_predictions_but_their_certaint
     )
     agree(changed.held_out_errors.model_prediction, diagnosis.held_out_errors.model_prediction, to=SOLVED)
     # The values themselves are compared with the predictions, and the final fit uses them.
-    assert changed.held_out_errors.model_rmse["force"] > 30.0
+    assert changed.held_out_errors.model_rmse["force"] > 10.0
     assert changed.held_out_errors.largest_error_ratio > 3.0
     assert diagnosis.held_out_errors.largest_error_ratio < 1.2
     # Prediction and recording disagree: a part is unexplained, and half of the certainty remains.
