@@ -17,6 +17,7 @@ import numpy as np
 from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem, select_rows
 from pamjax.diagnosis.noise.input_noise import clear_evaluations
+from pamjax.diagnosis.noise.turn_variance import clear_one_sided_problems
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.records.blocks import Blocks, assign_length_levels, find_blocks
 from pamjax.records.case import Case
@@ -65,8 +66,9 @@ class DiagnosedRows:
 
     def clear_evaluations(self) -> None:
         """Forget the cached evaluations: the result holds the problem, and must not hold them."""
-        clear_evaluations(self.search_problem)
-        clear_evaluations(self.problem)
+        for problem in (self.search_problem, self.problem):
+            clear_evaluations(problem)
+            clear_one_sided_problems(problem)
 
 
 def choose_search_rows(recording: Recording, max_rows: int) -> np.ndarray:

@@ -51,6 +51,11 @@ def estimate_turn_variance(problem: LibraryProblem, values: np.ndarray) -> np.nd
     return np.where(find_turns(problem.case.recording), (before - after) ** 2 / 4, 0.0)
 
 
+def clear_one_sided_problems(problem: LibraryProblem) -> None:
+    """Free the memory of the problems with other rates; a later variance builds them again."""
+    _one_sided_problems.pop(problem, None)
+
+
 def _build_one_sided_problems(problem: LibraryProblem) -> list[LibraryProblem]:
     recording, history = problem.case.recording, problem.dataset.history
     turns = np.flatnonzero(find_turns(recording))
