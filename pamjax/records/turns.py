@@ -53,8 +53,8 @@ def _is_turn(speed: np.ndarray, step: np.ndarray, is_inside: np.ndarray) -> np.n
     change = np.abs(after - before)
     # A sample deviates by this from the line through its neighbours.
     deviation = change * step[:-1] * step[1:] / np.maximum(step[:-1] + step[1:], np.finfo(float).tiny)
-    span = float(np.sum(np.abs(speed * step)[:-1][is_inside]))
-    noise = max(float(np.median(deviation[is_inside])), _MIN_DEVIATION_SHARE * span)
+    path = float(np.sum(np.abs(speed * step)[:-1][is_inside]))
+    noise = max(float(np.median(deviation[is_inside])), _MIN_DEVIATION_SHARE * path)
     fastest = np.maximum(np.abs(before), np.abs(after))
     typical_speed = np.maximum(fastest, np.median(fastest[is_inside]))
     return is_inside & (deviation > _MIN_NOISE_RATIO * noise) & (change > _MIN_SPEED_CHANGE * typical_speed)

@@ -19,7 +19,7 @@ def compute_held_out_ratios(
     mechanisms: Sequence[Candidate],
     values: np.ndarray,
 ) -> dict[str, float]:
-    """Return by id the held-out error with a mechanism over that without it; empty without held-out rows.
+    """Return by id the held-out error with a mechanism over that without it; empty without readings there.
 
     Both models are refitted to the training rows. The error is the rms over force and diameter in noise
     standard deviations, without form errors. Above one, the mechanism makes the prediction worse.
@@ -30,7 +30,7 @@ def compute_held_out_ratios(
         mechanisms: all mechanisms of the model.
         values: (p,) starting values of the refits, SI.
     """
-    if training_mask.all() or not mechanisms:
+    if not mechanisms or not np.isfinite(problem.measured[:, ~training_mask]).any():
         return {}
     full = fit_model(problem, training_mask, mechanisms, values)
     error, ratios = _compute_held_out_error(problem, full, full, ~training_mask), {}

@@ -71,3 +71,11 @@ def test_without_held_out_rows_nothing_is_dropped():
     diagnosis = diagnose_bank(RUBBER)
     everything = np.ones(diagnosis.problem.n, dtype=bool)
     assert drop_harmful_mechanisms(diagnosis.problem, everything, diagnosis.selection) is diagnosis.selection
+
+
+def test_held_out_rows_without_readings_drop_nothing():
+    diagnosis = diagnose_bank(RUBBER)
+    training = get_training(diagnosis)
+    blank = np.where(training, diagnosis.problem.measured, np.nan)
+    problem = replace(diagnosis.problem, measured=blank)
+    assert drop_harmful_mechanisms(problem, training, diagnosis.selection) is diagnosis.selection
