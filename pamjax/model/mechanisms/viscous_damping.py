@@ -20,14 +20,17 @@ _REFERENCE_SPEED, _REST_SPEED = 1e-3, 2e-5
 class ViscousDamping(AbstractMemory):
     """A damper between the fittings; its force is positive while the muscle lengthens:
 
-        F = (c + b P) v |v/v1|^(m−1),    v = dL/dt,   v1 = 1 mm/s
+        F = (c + b P) (1 + a sgn v) v |v/v1|^(m−1),    v = dL/dt,   v1 = 1 mm/s
 
         c  coefficient  N s/m     damping coefficient at v1 that does not depend on pressure
         b  pressed      N s/m/Pa  increase of the damping coefficient per pascal
         m  power        1         exponent of speed; 1 is a Newtonian damper
+        a  asymmetry    1         damping for lengthening 1 + a, for shortening 1 − a
 
-    Neutral: c = b = 0. Neglects: damping that depends on direction; speeds that change within five
-    samples, over which the rate is computed.
+    At |a| <= 1 the damper never supplies energy. At a constant speed, asymmetry adds the same force in both
+    directions. There it resembles a zero error of the force.
+
+    Neutral: c = b = 0. Neglects: speeds that change within five samples, over which the rate is computed.
     Source: Newton's damper; in muscles, Reynolds, Repperger, Phillips & Bandry, Ann. Biomed. Eng. 31,
     310, 2003.
     """
@@ -36,11 +39,11 @@ class ViscousDamping(AbstractMemory):
     uses_rate: ClassVar[bool] = True
     about: ClassVar[Description] = Description(
         title="damping force that increases with speed",
-        equation="F = F0 + (c + b P) v |v/v1|^(m-1)",
+        equation="F = F0 + (c + b P) (1 + a sgn v) v |v/v1|^(m-1)",
         signature="Force is higher while the muscle lengthens and lower while it shortens, in proportion to"
         " speed. The difference is the same at every length. It is the same at every pressure, or increases"
         " in proportion to it. In a hold it is zero.",
-        neglects="damping that depends on direction",
+        neglects="speeds that change within five samples",
         confusable=("braid_friction", "pressure_drop", "channel_lag", "viscoelastic_creep"),
         experiment="Repeat the stroke three times as fast: the loop is three times as wide.",
         source="Newton's damper; Reynolds et al. 2003",
@@ -62,6 +65,12 @@ class ViscousDamping(AbstractMemory):
         "1", low=0.2, high=2.0, about="exponent of speed in the damping force",
         source="1 for an oil film, less where the film becomes thinner", default=1.0,
     )  # fmt: skip
+    asymmetry: Scalar = parameter(
+        "1", low=-1.0, high=1.0, is_refinement=True,
+        about="relative excess of the damping while the muscle lengthens",
+        source="damping of muscles differs between inflation and deflation; at 1 one direction has none",
+        default=0.0,
+    )  # fmt: skip
 
     def strains(self, state: State, pressure: Scalar) -> Float[Array, "1 ..."]:
         return jnp.stack([state.length])
@@ -71,4 +80,6 @@ class ViscousDamping(AbstractMemory):
         rate = history.rate(strains[:, 0])
         # Rounded at rest, where a power below one has an infinite slope.
         speed = (rate**2 + _REST_SPEED**2) / (_REFERENCE_SPEED**2 + _REST_SPEED**2)
-        return (damping * rate * speed ** (0.5 * (self.power - 1)))[:, None]
+        direction = rate / jnp.sqrt(rate**2 + _REST_SPEED**2)
+        force = damping * (1 + self.asymmetry * direction) * rate * speed ** (0.5 * (self.power - 1))
+        return force[:, None]

@@ -3,6 +3,7 @@
 drift      zero of the load cell over time
 locking    force of jammed threads against contraction
 friction   loops of force against contraction; strength against speed
+damping    force of a damper against speed
 rubber     force of the bladder against contraction
 creep      relaxing stress against time
 softening  force of the part of the wall that softens, against contraction
@@ -36,6 +37,7 @@ from pamjax.model.mechanisms.mullins_softening import MullinsSoftening
 from pamjax.model.mechanisms.pressure_drop import PressureDrop
 from pamjax.model.mechanisms.thread_slip import ThreadSlip
 from pamjax.model.mechanisms.viscoelastic_creep import ViscoelasticCreep
+from pamjax.model.mechanisms.viscous_damping import ViscousDamping
 from pamjax.model.state import Cylinder, State
 from pamjax.view.figures.mechanism_demo import DEMO_REST_LENGTH, DEMO_THREAD_LENGTH, DEMO_TURNS
 from pamjax.view.theme import DOUBLE_COLUMN, OKABE_ITO, add_panel_letters, apply_theme, create_figure
@@ -60,8 +62,9 @@ Curves = dict[str, tuple[np.ndarray, np.ndarray]]
 def plot_refinements() -> Figure:
     """Return the figure: a panel for each mechanism with a refinement, and two for friction."""
     with apply_theme():
-        figure = create_figure(DOUBLE_COLUMN, 11.0)
-        panels = list(figure.subplots(5, 2).flat)
+        figure = create_figure(DOUBLE_COLUMN, 13.0)
+        *panels, unused = figure.subplots(6, 2).flat
+        unused.remove()
         _plot_curves(panels[0], "force_drift", compute_drifts(), "time [min]", "zero [N]")
         _plot_curves(panels[1], "braid_locking", compute_lockings(), "contraction [%]", "force [N]")
         _plot_curves(panels[2], "bladder_elasticity", compute_rubbers(), "contraction [%]", "force [N]")
@@ -72,6 +75,7 @@ def plot_refinements() -> Figure:
         _plot_curves(panels[7], "pressure_drop", compute_pressure_drops(), "flow [ml/s]", "drop [kPa]")
         _plot_curves(panels[8], "end_taper", compute_end_losses(), "contraction [%]", "force [N]")
         _plot_curves(panels[9], "thread_slip", compute_beddings(), "largest load [N]", "elongation [%]")
+        _plot_curves(panels[10], "viscous_damping", compute_dampings(), "speed [mm/s]", "force [N]")
         for panel in (panels[0], panels[3]):
             # Room for the legend above the curves.
             low, high = panel.get_ylim()
@@ -159,6 +163,25 @@ def compute_strengths() -> Curves:
             np.asarray(BraidFriction(weakening=share, weakening_speed=2e-3).speed_factor(jnp.asarray(speed))),
         )
         for share in (0.0, 0.5)
+    }
+
+
+def compute_dampings() -> Curves:
+    """Return the force of a damper, N, against the speed of lengthening, by form."""
+    speed = np.linspace(-5e-3, 5e-3, 160)
+    # Five samples at each speed, over which the rate is computed.
+    time = np.tile(np.arange(5.0), speed.size)
+    length = DEMO_REST_LENGTH + np.repeat(speed, 5) * time
+    nothing = jnp.zeros(length.size)
+    history, past = build_time_history(time, time == 0), Past(_build_state(length), *[nothing] * 3)
+    forms = {
+        "even": ViscousDamping(2e3),
+        "asymmetry 0.5": ViscousDamping(2e3, asymmetry=0.5),
+        "power 0.5": ViscousDamping(2e3, power=0.5),
+    }
+    return {
+        name: (1e3 * speed, np.asarray(damper.stresses(history, jnp.asarray(length)[:, None], past))[2::5, 0])
+        for name, damper in forms.items()
     }
 
 

@@ -44,6 +44,24 @@ def test_exponent_changes_the_law_around_one_millimetre_per_second(power, speed,
     agree(damped(ViscousDamping(2e3, power=power), speed), 2e3 * speed * corner, SOLVED)
 
 
+@pytest.mark.parametrize("asymmetry", [0.4, -1.0])
+def test_asymmetry_increases_damping_in_one_direction(asymmetry):
+    # At a constant speed: c (1 + a) v for lengthening, c (1 − a) v for shortening, but for the rounding.
+    damper = ViscousDamping(2e3, asymmetry=asymmetry)
+    sign = 1e-3 / np.hypot(1e-3, 2e-5)
+    for speed in (1e-3, -1e-3):
+        agree(damped(damper, speed), 2e3 * speed * (1 + asymmetry * np.sign(speed) * sign), SOLVED, 2.0)
+
+
+@pytest.mark.parametrize("asymmetry", [-1.0, 0.3, 1.0])
+def test_damper_never_supplies_power(asymmetry):
+    damper = ViscousDamping(2e3, asymmetry=asymmetry)
+    for speed in (-1e-2, -1e-5, 1e-5, 1e-2):
+        assert np.all(damped(damper, speed) * speed >= 0)
+    # Beyond its limits it would.
+    assert np.all(damped(ViscousDamping(2e3, asymmetry=1.5), -1e-2) * -1e-2 < 0)
+
+
 def test_damping_is_zero_at_rest():
     # Rounded at rest: c v [(v² + s²) / (v1² + s²)]^((m−1)/2) with v = s = 0.02 mm/s, v1 = 1 mm/s, m = 1/2.
     agree(damped(ViscousDamping(2e3, power=0.2), 0.0), 0.0, SOLVED, 1.0)

@@ -8,7 +8,7 @@ from tests.agreement import SOLVED, agree
 
 CURVES = (
     *("drifts", "lockings", "rubbers", "loops", "strengths"),
-    *("relaxations", "softenings", "pressure_drops", "end_losses", "beddings"),
+    *("relaxations", "softenings", "pressure_drops", "end_losses", "beddings", "dampings"),
 )
 
 
@@ -52,6 +52,11 @@ def test_only_cyclic_softening_continues_after_the_first_cycle():
 def test_pressure_drop_is_proportional_to_flow_or_to_its_square():
     for power, (flow, drop) in zip((1, 2, 2), refinements.compute_pressure_drops().values(), strict=True):
         agree(drop[-1] / drop[-31], (flow[-1] / flow[-31]) ** power, 1e-2)
+
+
+def test_damper_differs_between_directions_by_its_asymmetry():
+    even, sided, _ = (force for _, force in refinements.compute_dampings().values())
+    agree(sided[[0, -1]], [0.5 * even[0], 1.5 * even[-1]], 1e-3)
 
 
 def test_every_panel_has_a_title_and_a_unit():
