@@ -120,21 +120,20 @@ def _build_thread_crimp(scales: RecordingScales) -> list[Candidate]:
 
 def _build_bladder_elasticity(scales: RecordingScales) -> list[Candidate]:
     name = "bladder_elasticity."
-    # A stated bore wider than the braid is not possible: start from one that fits.
-    fits = scales.fitting_bore if 0.3 * scales.bore < scales.fitting_bore < scales.bore else scales.bore
+    bores = (scales.plausible_bore, 1.1 * scales.plausible_bore)
     return [
         Candidate(
             "bladder_elasticity", (f"{name}modulus",), {f"{name}mooney": share, f"{name}inner_diameter": bore}
         )
         for share in (0.05, 0.6)
-        for bore in (fits, 1.1 * fits)
+        for bore in bores
     ] + [
         Candidate(
             "bladder_elasticity",
             (f"{name}modulus",),
             {f"{name}stiffening": 0.05, f"{name}inner_diameter": bore},
         )
-        for bore in (fits, 1.1 * fits)
+        for bore in bores
     ]
 
 
@@ -219,8 +218,10 @@ def _build_viscoelastic_creep(scales: RecordingScales) -> list[Candidate]:
 
 def _build_mullins_softening(scales: RecordingScales) -> list[Candidate]:
     name = "mullins_softening."
+    bore = {f"{name}inner_diameter": scales.plausible_bore}
     first_stretch = [
-        Candidate("mullins_softening", (f"{name}modulus",), {f"{name}width": width}) for width in (0.08, 0.3)
+        Candidate("mullins_softening", (f"{name}modulus",), {f"{name}width": width} | bore)
+        for width in (0.08, 0.3)
     ]
     if scales.is_isometric:
         # At a fixed length the wall accumulates no energy.
@@ -229,7 +230,7 @@ def _build_mullins_softening(scales: RecordingScales) -> list[Candidate]:
         Candidate(
             "mullins_softening",
             (f"{name}cyclic_modulus",),
-            {f"{name}cyclic_energy": share * scales.softening_energy},
+            {f"{name}cyclic_energy": share * scales.softening_energy} | bore,
         )
         for share in (0.1, 0.3, 0.8)
     ]
