@@ -185,6 +185,8 @@ def _build_braid_friction(scales: RecordingScales) -> list[Candidate]:
 
 def _build_viscoelastic_creep(scales: RecordingScales) -> list[Candidate]:
     name = "viscoelastic_creep."
+    # The force relaxes whatever the bladder is, its stresses do not.
+    sizes = {"modulus": {f"{name}inner_diameter": scales.plausible_bore}, "force": {}}
     pairs = [
         (t, 20 * t) for t in (3 * scales.time_step, 12 * scales.time_step, 50 * scales.time_step) if t < 50
     ]
@@ -196,11 +198,12 @@ def _build_viscoelastic_creep(scales: RecordingScales) -> list[Candidate]:
                 f"{name}share": share,
                 f"{name}time_short": float(np.clip(short, 0.1, 50.0)),
                 f"{name}time_long": float(np.clip(long, 12.0, 9e3)),
-            },
+            }
+            | size,
         )
         for short, long in pairs
         for share in (0.1, 0.5, 0.9)
-        for amplitude in ("modulus", "force")
+        for amplitude, size in sizes.items()
     ] + [
         # Relaxation with the logarithm of time, over three decades.
         Candidate(
@@ -210,9 +213,10 @@ def _build_viscoelastic_creep(scales: RecordingScales) -> list[Candidate]:
                 f"{name}spectrum": 0.8,
                 f"{name}time_short": float(np.clip(3 * scales.time_step, 0.1, 50.0)),
                 f"{name}time_long": float(np.clip(3e3 * scales.time_step, 12.0, 9e3)),
-            },
+            }
+            | size,
         )
-        for amplitude in ("modulus", "force")
+        for amplitude, size in sizes.items()
     ]
 
 
