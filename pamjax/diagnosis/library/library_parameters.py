@@ -26,7 +26,9 @@ from pamjax.records.reading.quantity import MeasuredValue
 COMPLIANCE_PARAMETER = "braid_elasticity.compliance"
 
 #: Inner diameters of the bladder that candidates estimate.
-_FITTED_BORES = tuple(f"{id}.inner_diameter" for id in ("bladder_elasticity", "mullins_softening", "viscoelastic_creep"))
+_FITTED_BORES = tuple(
+    f"{id}.inner_diameter" for id in ("bladder_elasticity", "mullins_softening", "viscoelastic_creep")
+)
 
 #: Longest warm-up of the load cell over the duration of the recording. A slower one is a straight line.
 _MAX_WARMUP_DURATIONS = 3

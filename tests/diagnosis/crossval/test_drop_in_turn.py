@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pamjax.diagnosis.checks import CheckedSelection, _doubt_failed_prediction
 from pamjax.diagnosis.crossval import confirm_selection
-from pamjax.diagnosis.run import _doubt_failed_prediction, _TestedSelection
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from tests.view.made_up import diagnosis
 
@@ -72,7 +72,7 @@ def test_an_increased_held_out_error_reduces_the_certainty(factor, is_doubted):
         model_rmse={"force": factor * 12.0},
         held_out_mask=np.ones(100, bool),
     )
-    before = _TestedSelection(result.selection, result.residual_test, unexplained=False)
+    before = CheckedSelection(result.selection, result.residual_test, unexplained=False)
     after = _doubt_failed_prediction(SimpleNamespace(problem=result.problem), before, errors)  # type: ignore[arg-type]
     assert after.unexplained == is_doubted
     probabilities = [s.selection.named_mechanisms[0].probability for s in (before, after)]

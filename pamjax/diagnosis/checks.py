@@ -1,0 +1,213 @@
+"""Checks of selected mechanisms: templates, left-out blocks, and held-out rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pamjax.diagnosis.crossval.confirm_selection import (
+    cross_validate_selection,
+)
+from pamjax.diagnosis.crossval.held_out_errors import (
+    HeldOutErrors,
+    compute_held_out_errors,
+)
+from pamjax.diagnosis.crossval.held_out_ratios import drop_harmful_mechanisms
+from pamjax.diagnosis.detect.residual_test import (
+    is_residual_significant,
+    run_baseline_test,
+    run_residual_test,
+)
+from pamjax.diagnosis.detect.significance import ResidualTest
+from pamjax.diagnosis.form_errors.fit import add_form_errors
+from pamjax.diagnosis.form_errors.prediction import (
+    ModelPrediction,
+    predict_with_uncertainty,
+)
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.outside.templates import TemplateBuilder
+from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
+from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
+from pamjax.diagnosis.search_rows import DiagnosedRows
+from pamjax.diagnosis.select.replace_by_template import replace_by_template
+from pamjax.diagnosis.select.selection import (
+    Selection,
+    drop_small_effects,
+    shrink_to_even_odds,
+)
+from pamjax.records.blocks import Blocks
+
+
+@dataclass(frozen=True, eq=False)
+class Training:
+    """The training rows of a search, and the test of the baseline.
+
+    Attributes:
+        problem: the rows in which mechanisms are searched, and the library.
+        mask: (n,) whether a row is used in the fits, and not held out.
+        blocks: isobars, holds or cycles of these rows.
+        baseline: the baseline, fitted to the training rows.
+        mismatch: test of its residual.
+        seed: seed of the random draws for the p-values.
+    """
+
+    problem: LibraryProblem
+    mask: np.ndarray
+    blocks: Blocks
+    baseline: ModelFit
+    mismatch: ResidualTest
+    seed: int
+
+    @property
+    def is_detected(self) -> bool:
+        """Return whether the misfit of the baseline is significant."""
+        return self.mismatch.p_value < self.problem.settings.detection_p_value
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedSelection:
+    """Mechanisms that were selected on the training rows, and the test of their residual.
+
+    Attributes:
+        selection: the mechanisms.
+        residual_test: test of the residual with the mechanisms.
+        unexplained: whether no mechanism explains a part of the misfit.
+        replacement_notes: notes on mechanisms that a template replaces.
+    """
+
+    selection: Selection
+    residual_test: ResidualTest
+    unexplained: bool
+    replacement_notes: Sequence[str] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutTest:
+    """The prediction of the held-out rows by a fit without them, and its errors."""
+
+    prediction: ModelPrediction
+    errors: HeldOutErrors
+
+
+def fit_baseline(rows: DiagnosedRows, seed: int) -> Training:
+    """Return the fit of the baseline to the training rows of the search, and the test of its residual."""
+    problem, mask = rows.search_problem, rows.training_mask[rows.search_rows]
+    baseline = fit_model(problem, mask, (), problem.neutral)
+    mismatch = run_baseline_test(problem, baseline, seed)
+    return Training(problem, mask, rows.search_blocks, baseline, mismatch, seed)
+
+
+def compare_with_templates(
+    training: Training, selection: Selection, build_templates_at: TemplateBuilder
+) -> CheckedSelection:
+    """Return the mechanisms that no template replaces; without small effects if a part is unexplained."""
+    remaining, notes = replace_by_template(training.problem, training.mask, selection, build_templates_at)
+    checked_selection = _test_selection(training, remaining, notes)
+    if not checked_selection.unexplained or remaining.fit_without_small_effects is None:
+        return checked_selection
+    # Small effects are reported only if nothing is unexplained: otherwise they can absorb that part.
+    return compare_with_templates(
+        training, drop_small_effects(training.problem, remaining), build_templates_at
+    )
+
+
+def cross_validate_on_blocks(training: Training, checked_selection: CheckedSelection) -> CheckedSelection:
+    """Return the mechanisms that also predict left-out blocks; less certain if a part is unexplained.
+
+    Mechanisms can absorb physics outside the library, so that the residual is no longer significant.
+    """
+    problem = training.problem
+    if not checked_selection.selection.named_mechanisms:
+        return checked_selection
+    selection, is_predictive = cross_validate_selection(
+        problem, training.blocks, training.mask, checked_selection.selection
+    )
+    confirmed_selection = (
+        replace(checked_selection, selection=selection)
+        if selection.model is checked_selection.selection.model
+        else _test_selection(training, selection, checked_selection.replacement_notes)
+    )
+    is_explained = is_predictive and not confirmed_selection.unexplained
+    return confirmed_selection if is_explained else _reduce_certainty(problem, confirmed_selection)
+
+
+def check_on_held_out_rows(
+    rows: DiagnosedRows, training: Training, checked_selection: CheckedSelection
+) -> tuple[CheckedSelection, HeldOutTest]:
+    """Return the selection that the held-out rows do not contradict, and its errors there."""
+    held_out_test = _test_held_out_rows(rows, checked_selection.selection)
+    doubted_selection = _doubt_failed_prediction(training, checked_selection, held_out_test.errors)
+    remaining_selection = _drop_harmful_mechanisms(training, doubted_selection)
+    if remaining_selection is not doubted_selection:
+        held_out_test = _test_held_out_rows(rows, remaining_selection.selection)
+    return remaining_selection, held_out_test
+
+
+def _drop_harmful_mechanisms(training: Training, checked_selection: CheckedSelection) -> CheckedSelection:
+    """Return the selection; beside an unexplained part, without mechanisms that increase held-out errors."""
+    if not checked_selection.unexplained:
+        return checked_selection
+    problem, before = training.problem, checked_selection.selection
+    selection = drop_harmful_mechanisms(problem, training.mask, before)
+    if selection is before:
+        return checked_selection
+    retested = _test_selection(training, selection, checked_selection.replacement_notes)
+    return replace(retested, unexplained=True)
+
+
+def _test_held_out_rows(rows: DiagnosedRows, selection: Selection) -> HeldOutTest:
+    """Return the prediction of the held-out rows by a fit of the selected model without them."""
+    problem, mask = rows.problem, rows.training_mask
+    baseline = fit_model(problem, mask, (), selection.baseline.estimate.values)
+    fit = fit_selection(problem, selection, mask) if selection.model.mechanisms else baseline
+    prediction = predict_with_uncertainty(problem, add_form_errors(problem, fit))
+    errors = compute_held_out_errors(problem, rows.blocks, ~mask, baseline, fit, prediction)
+    return HeldOutTest(prediction, errors)
+
+
+def _doubt_failed_prediction(
+    training: Training, confirmed_selection: CheckedSelection, errors: HeldOutErrors
+) -> CheckedSelection:
+    """Return the selection; if held-out errors are too large, less certain and with an unexplained part.
+
+    They are too large if they exceed the expected ones, or those of the baseline.
+    """
+    is_too_large = errors.largest_error_ratio > training.problem.settings.max_held_out_error_ratio
+    if (
+        not (is_too_large or errors.is_increased(training.problem.settings))
+        or confirmed_selection.unexplained
+        or not confirmed_selection.selection.named_mechanisms
+    ):
+        return confirmed_selection
+    return _reduce_certainty(training.problem, confirmed_selection)
+
+
+def _reduce_certainty(problem: LibraryProblem, checked_selection: CheckedSelection) -> CheckedSelection:
+    """Return the selection with less certain mechanisms and an unexplained part."""
+    mechanisms = checked_selection.selection.named_mechanisms
+    ids = {mechanism.id for mechanism in mechanisms}
+    mechanisms = shrink_to_even_odds(mechanisms, problem.settings, ids)
+    selection = replace(checked_selection.selection, named_mechanisms=mechanisms)
+    return replace(checked_selection, selection=selection, unexplained=True)
+
+
+def _test_selection(
+    training: Training, selection: Selection, replacement_notes: Sequence[str]
+) -> CheckedSelection:
+    """Return the selection with the test of its residual beyond form errors."""
+    problem, mismatch = training.problem, training.mismatch
+    residual_test = (
+        run_residual_test(problem, add_form_errors(problem, selection.model), training.seed)
+        if selection.model.mechanisms
+        else mismatch
+    )
+    is_significant = is_residual_significant(mismatch, residual_test, problem.settings)
+    unexplained = training.is_detected and (bool(replacement_notes) or is_significant)
+    return CheckedSelection(selection, residual_test, unexplained, replacement_notes)
+
+
+def fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarray) -> ModelFit:
+    """Return the selected model with its mechanisms, refitted to some rows."""
+    return fit_with_misfit_weight(problem, rows, selection.model.mechanisms, selection.start_values)
