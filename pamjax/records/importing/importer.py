@@ -217,7 +217,8 @@ def _read_test(
 
 def _read_channel(spec: ImportSpec, name: str, file: RigFile) -> np.ndarray:
     column = spec.columns[name]
-    readings, factor = file[column.column], column.to_si(name, f"[columns] {name}")
+    readings = file[column.column]
+    factor = column.to_si(name, file.find_header(column.column), f"[columns] {name}")
     with np.errstate(over="ignore", invalid="ignore"):
         values = (readings - column.zero) * factor
     # A blank cell stays blank; an overflow may also give NaN.
