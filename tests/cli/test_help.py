@@ -57,6 +57,12 @@ def test_example_on_the_help_page_of_import_makes_a_case(tmp_path, monkeypatch, 
     (tmp_path / "import.toml").write_text(IMPORT_EXAMPLE)
     assert main(["new", "mine"]) == 0
     assert main(command.split()) == 0, capsys.readouterr().err
+    printed = capsys.readouterr().out
+    assert "note: muscle.toml has the rest length and the braid of the template. Replace them" in printed
     rows = (tmp_path / "case" / "recording.csv").read_text("utf-8")
     assert "779.1" in rows
     assert "717.3" in rows
+    muscle = tmp_path / "mine" / "muscle.toml"
+    muscle.write_text(muscle.read_text("utf-8").replace('rest_length = "200 mm"', 'rest_length = "201 mm"'))
+    assert main([*command.split()[:-1], "other"]) == 0
+    assert "note:" not in capsys.readouterr().out
