@@ -136,7 +136,10 @@ def commands():
                 continue
             help = " ".join((argument.parameter.help or "").split())
             lines += [f"- `{argument.name}`: {help}"]
-        lines += [""]
+        lines += [
+            "",
+            *(["```text", *command.help_epilogue.splitlines(), "```", ""] if command.help_epilogue else []),
+        ]
     return "\n".join(lines) + "\n"
 
 

@@ -74,6 +74,9 @@ MAX_UNIT_CHARACTERS = 60
 
 _QUANTITY_PATTERN = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
 
+#: The part of a number behind a decimal comma.
+_QUANTITY_COMMA_PATTERN = re.compile(r",\d")
+
 
 @cache
 def load_unit_registry() -> pint.UnitRegistry:
@@ -200,6 +203,7 @@ def parse_quantity(text: str | float, kind: str, where: str = "") -> float:
         if kind == "count":
             rule, remedy = "a dimensionless value is a number without a unit", "Write a number."
         raise BadInput.from_rule(rule, f"{text!r}", where, remedy)
+    _check_decimal_mark(match, where)
     number = float(match[1])
     factor = parse_unit(match[2], kind, where, number if kind == "force" else 1.0)
     return _check_magnitude(number * factor, text, where)
@@ -218,6 +222,7 @@ def parse_number(text: str, si: str, where: str = "") -> float:
     match = _QUANTITY_PATTERN.match(text)
     if match is None:
         raise BadInput.from_rule("a value is a number and a unit", f"{text!r}", where, f"Its unit is {si}.")
+    _check_decimal_mark(match, where)
     unit = match[2]
     if unit in ("", "1"):
         if si != "1" and float(match[1]):
@@ -227,6 +232,14 @@ def parse_number(text: str, si: str, where: str = "") -> float:
     if si == "1":
         raise BadInput.from_rule("a dimensionless value has no unit", f"{unit!r}", where, "Remove the unit.")
     return _check_magnitude(float(match[1]) * _convert_unit(unit, si, f"number in {si}", where), text, where)
+
+
+def _check_decimal_mark(match: re.Match[str], where: str) -> None:
+    """Refuse a number with a decimal comma."""
+    if _QUANTITY_COMMA_PATTERN.match(match[2]):
+        text = match[0].strip()
+        remedy = f'Write "{text.replace(",", ".", 1)}".'
+        raise BadInput.from_rule("the decimal mark is a point", f"{text!r}", where, remedy)
 
 
 def _check_magnitude(value: float, text: str | float, where: str) -> float:

@@ -1,6 +1,7 @@
 """Units: conversion to and from SI, and messages for invalid units."""
 
 import math
+import re
 import subprocess
 import sys
 
@@ -171,3 +172,12 @@ def test_number_that_is_not_finite_is_refused():
 def test_unclosed_bracket_of_a_unit_is_refused():
     with pytest.raises(BadInput, match="unknown unit"):
         parse_quantity("5 (mm", "length")
+
+
+@pytest.mark.parametrize("text", ["267,2 mm", "1,5", "-0,5e3 mm"])
+def test_decimal_comma_is_explained(text):
+    message = f"the decimal mark is a point; got '{text}' in a.toml. Write \"{text.replace(',', '.')}\"."
+    for parse in (parse_quantity, parse_number):
+        with pytest.raises(BadInput, match=f"^{re.escape(message)}$"):
+            parse(text, "length" if parse is parse_quantity else "m", "a.toml")
+    agree(parse_quantity("267.2 mm", "length"), 0.2672, ROUNDING)

@@ -12,6 +12,7 @@ from typing import NoReturn
 from cyclopts import App, CycloptsError
 
 from pamjax.cli.help import ParagraphFormatter
+from pamjax.cli.import_example import IMPORT_EPILOGUE
 from pamjax.cli.process import describe_missing_device, prepare_streams
 from pamjax.cli.usage_errors import format_usage_error, name_options
 from pamjax.compile.platform import choose_platform
@@ -43,7 +44,7 @@ app = App(
 )
 for command_name, summary in {
     "new": "Write a commented case folder as a template.",
-    "import": "Make a case folder from the CSV or MAT files of a test rig.",
+    "import": "Make a case folder from the CSV, XLSX or MAT files of a test rig.",
     "check": "Check the data of a case, and which parameters it determines.",
     "fit": "Calibrate a muscle model on its recording, or several muscles together.",
     "sample": "Estimate the posterior uncertainty of the parameters of a muscle.",
@@ -60,7 +61,10 @@ for command_name, summary in {
 }.items():
     # The command is registered by its path, so that its module is imported only when it runs.
     module_name = f"{command_name}_" if iskeyword(command_name) else command_name
-    app.command(f"pamjax.cli.commands.{module_name}:{module_name}", name=command_name, help=summary)
+    epilogue = {"help_epilogue": IMPORT_EPILOGUE} if command_name == "import" else {}
+    app.command(
+        f"pamjax.cli.commands.{module_name}:{module_name}", name=command_name, help=summary, **epilogue
+    )
 app.register_install_completion_command(
     help="Install command completion for bash, zsh or fish; this changes the start file of the shell."
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -182,11 +182,10 @@ def plan(
         if case.recording.measures_length:
             force = case.recording.force
             limits_of_recording["recorded_loads"] = float(np.nanmin(force)), float(np.nanmax(force))
-    capabilities = (
-        rig
-        if isinstance(rig, RigCapabilities)
-        else read_capabilities(muscle_toml, rig, **limits_of_recording, minutes=minutes)
-    )
+    if isinstance(rig, RigCapabilities):
+        capabilities = rig if minutes is None else replace(rig, minutes=minutes)
+    else:
+        capabilities = read_capabilities(muscle_toml, rig, **limits_of_recording, minutes=minutes)
     # The information of a recording takes seconds: a wrong goal is refused before.
     goal = _resolve_goal([n.name for n in list_muscle_parameters(muscle_toml, law, case)], goal)
     prior = build_prior_information(muscle_toml, capabilities, law, case)

@@ -45,7 +45,7 @@ class Blocks:
     Attributes:
         label: (n,) index of each row's block; -1 for unusable rows and rows between two levels.
         names: name of each block, as "isobar 138 kPa".
-        kind: "isobars", "lengths", "loads", "holds", "cycles" or "rows".
+        kind: "isobars", "lengths", "loads", "holds", "cycles", "rows" or "parts" (sequences of rows).
     """
 
     label: np.ndarray
@@ -230,7 +230,7 @@ def _split_rows(recording: Recording) -> Blocks:
         return Blocks(np.arange(n), tuple(f"row {row}" for row in recording.row), "rows")
     label = np.arange(n) * _PART_COUNT // n
     ends = [recording.row[label == i][[0, -1]] for i in range(_PART_COUNT)]
-    return Blocks(label, tuple(f"rows {first} to {last}" for first, last in ends), "rows")
+    return Blocks(label, tuple(f"rows {first} to {last}" for first, last in ends), "parts")
 
 
 def _drop_unusable_rows(blocks: Blocks, usable: np.ndarray) -> Blocks:

@@ -41,30 +41,35 @@ def read_bytes(path: Path) -> bytes:
         ) from error
 
 
-def decode_text(raw: bytes, file: str) -> str:
-    """Return the text of a UTF-8 file, with or without a byte order mark.
+def decode_text(raw: bytes, file: str, encoding: str = "utf-8", remedy: str = "Save it as UTF-8.") -> str:
+    """Return the text of a file; a UTF-8 file may have a byte order mark.
+
+    Args:
+        raw: the bytes of the file.
+        file: its name, for error messages.
+        encoding: encoding of the text.
+        remedy: what to do about another encoding.
 
     Raises:
-        BadInput: if the file is not UTF-8 text.
+        BadInput: if the file is not text in this encoding.
     """
     if raw[:2] == b"PK":
-        got, remedy = (
+        raise BadInput.from_rule(
+            f"{file} must be plain text",
             "a spreadsheet or an archive",
-            "Export the sheet as CSV, or name it in the TOML file of `pamjax import`.",
+            remedy="Export the sheet as CSV, or name it in the TOML file of `pamjax import`.",
         )
-        raise BadInput.from_rule(f"{file} must be plain text", got, remedy=remedy)
     if b"\0" in raw[:4096]:
         raise BadInput.from_rule(
             f"{file} must be plain text", "a binary file", remedy="Save it as UTF-8 text."
         )
     try:
-        return raw.decode("utf-8-sig")
+        return raw.decode("utf-8-sig" if encoding == "utf-8" else encoding)
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
         got = f"the byte 0x{raw[error.start]:02x}"
-        raise BadInput.from_rule(
-            f"{file} must be UTF-8 text", got, f"line {line}", "Save it as UTF-8."
-        ) from error
+        rule = f"{file} must be {encoding.upper()} text"
+        raise BadInput.from_rule(rule, got, f"line {line}", remedy) from error
 
 
 @contextmanager

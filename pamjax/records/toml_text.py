@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from typing import Any
 
@@ -12,6 +13,8 @@ from pamjax.records.files import decode_text
 _MAX_TOML_BYTES = 1_000_000
 #: Longest line; the reader's time grows with the square of the number of keys in a dotted name.
 _MAX_LINE_CHARACTERS = 10_000
+#: A number with a decimal comma, as in "turns = 1,45", and the line of an error in the reader's message.
+_TOML_COMMA_PATTERN, _LINE_PATTERN = re.compile(r"=\s*([+-]?\d+),(\d+)"), re.compile(r"at line (\d+)")
 #: Largest whole number that TOML has.
 _MAX_TOML_INTEGER = 2**63 - 1
 
@@ -48,9 +51,17 @@ def parse_toml(
         got = str(error)[:1].lower() + str(error)[1:].rstrip(".")
         if not isinstance(error, tomllib.TOMLDecodeError):
             got = "a number with thousands of digits"
+        remedy = _suggest_point(text, got) or remedy
         raise BadInput.from_rule(f"{file} must be TOML", got, remedy=remedy) from error
     _check_integers(document, "", file)
     return document
+
+
+def _suggest_point(text: str, message: str) -> str:
+    """Return the remedy if the line of an error has a decimal comma; else an empty string."""
+    line = _LINE_PATTERN.search(message)
+    comma = _TOML_COMMA_PATTERN.search(text.split("\n")[int(line[1]) - 1]) if line else None
+    return f"The decimal mark is a point: write {comma[1]}.{comma[2]}." if comma else ""
 
 
 def _check_integers(value: Any, name: str, file: str) -> None:

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import pytest
 
+from pamjax.cli.import_example import IMPORT_EXAMPLE
 from pamjax.cli.main import app, main
 
 WORDS = [name for name in app if not name.startswith("-")]
@@ -43,3 +44,25 @@ def test_help_lists_both_files_of_a_calibrated_muscle(word, capsys):
 def test_help_explains_the_minutes(capsys):
     text = " ".join(rows(["plan"], capsys))
     assert "available time for all runs; by default that of the rig file, or 60." in text
+
+
+def test_example_on_the_help_page_of_import_makes_a_case(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["import", "--help"]) == 0
+    page = capsys.readouterr().out
+    assert IMPORT_EXAMPLE in page
+    (header,) = re.findall("with the header `(.*)`", page)
+    (command,) = re.findall("^Then run: pamjax (.*)$", page, re.M)
+    (tmp_path / "run.csv").write_text(f"{header}\n0,0;2,000;200,0;775,8\n0,5;2,001;195,0;714,0\n")
+    (tmp_path / "import.toml").write_text(IMPORT_EXAMPLE)
+    assert main(["new", "mine"]) == 0
+    assert main(command.split()) == 0, capsys.readouterr().err
+    printed = capsys.readouterr().out
+    assert "note: muscle.toml has the rest length and the braid of the template. Replace them" in printed
+    rows = (tmp_path / "case" / "recording.csv").read_text("utf-8")
+    assert "779.1" in rows
+    assert "717.3" in rows
+    muscle = tmp_path / "mine" / "muscle.toml"
+    muscle.write_text(muscle.read_text("utf-8").replace('rest_length = "200 mm"', 'rest_length = "201 mm"'))
+    assert main([*command.split()[:-1], "other"]) == 0
+    assert "note:" not in capsys.readouterr().out

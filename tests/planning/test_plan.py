@@ -352,6 +352,14 @@ def test_wrong_goal_is_refused_before_the_recording_is_used(monkeypatch):
         plan(made("elastic"), goal="thread.modulus")
 
 
+def test_minutes_of_a_plan_replace_those_of_the_rig(muscle_toml):
+    long = plan(muscle_toml, RigCapabilities(minutes=30.0), "all")
+    short = plan(muscle_toml, RigCapabilities(minutes=30.0), "all", minutes=6.0)
+    assert short.minutes <= 6.0 < long.minutes
+    with pytest.raises(BadInput, match="the shortest run of this rig takes"):
+        plan(muscle_toml, RigCapabilities(), minutes=-1.0)
+
+
 @pytest.mark.slow
 def test_predicted_sd_is_reached_for_a_few_muscles():
     trials = [trial(seed, 40.0) for seed in range(8)]

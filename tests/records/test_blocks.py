@@ -120,7 +120,7 @@ def test_recording_without_structure_is_cut_into_equal_parts():
     pressure = 3e5 + np.cumsum(random.standard_normal(1000)) * 3e3
     length = 0.18 + np.cumsum(random.standard_normal(1000)) * 1e-4
     blocks = find_blocks(recorded(time=np.arange(1000.0), pressure=pressure, length=length))
-    assert (blocks.kind, len(blocks), blocks.names[0]) == ("rows", 10, "rows 2 to 101")
+    assert (blocks.kind, len(blocks), blocks.names[0]) == ("parts", 10, "rows 2 to 101")
 
 
 def test_unusable_rows_belong_to_no_block():

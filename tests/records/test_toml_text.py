@@ -37,8 +37,22 @@ def read_error(text):
         ),
         ("#\n" * 1_000_000, "a.toml must have at most 1 MB; got 2.0 MB. Remove entries."),
         ("a", "a.toml must be TOML; got expected '=' after a key in a key/value pair"),
+        ("b = 1\na = 1,45", "). The decimal mark is a point: write 1.45."),
+        ("a = {b = -0,5, c = 1}", "). The decimal mark is a point: write -0.5."),
+        ("a = [1,45\nb = 2", "Write a text in double quotes, and a table name in [brackets]."),
     ],
-    ids=["deep", "400 digits", "5000 digits", "dotted", "keys", "comments", "no toml"],
+    ids=[
+        "deep",
+        "400 digits",
+        "5000 digits",
+        "dotted",
+        "keys",
+        "comments",
+        "no toml",
+        "comma",
+        "comma in a table",
+        "list",
+    ],
 )
 def test_unreadable_text_is_one_sentence(text, message):
     assert message in read_error(text)

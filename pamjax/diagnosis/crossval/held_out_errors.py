@@ -86,7 +86,8 @@ def build_held_out_mask(blocks: Blocks, settings: DiagnosisSettings = DEFAULT_SE
     if n_blocks < settings.min_blocks_for_hold_out:
         return np.zeros(blocks.label.size, dtype=bool)
     # A refitted baseline is accurate by construction at the middle of few rows.
-    first = 1 if blocks.kind == "rows" and n_blocks <= settings.held_out_interval else min(2, n_blocks // 2)
+    is_short = blocks.kind in ("rows", "parts") and n_blocks <= settings.held_out_interval
+    first = 1 if is_short else min(2, n_blocks // 2)
     block_labels = np.arange(n_blocks)[first :: settings.held_out_interval]
     # The first and the last block are not held out: that would be extrapolation.
     block_labels = (

@@ -283,7 +283,7 @@ def _format_held_out(case_fit: CaseFit) -> str:
     if case_fit.held_out_score is None:
         return "no cross-validation: the recording has only one block"
     folds = case_fit.held_out_score.folds
-    lines = ", by line of the file" if case_fit.held_out_score.kind == "rows" else ""
+    lines = ", by line of the file" if case_fit.held_out_score.kind in ("rows", "parts") else ""
     text = f"cross-validation folds{lines}: " + " | ".join("; ".join(fold) for fold in folds)
     if len(text) < 200:
         return text

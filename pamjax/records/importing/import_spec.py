@@ -39,7 +39,9 @@ class FilesTable(_ImportTable):
         decimal: decimal mark.
         thousands: mark between thousands, as "." in 1.130,0; empty if there is none.
         header: whether there is a header line.
+        units: whether the line below the header contains the units.
         skip: number of lines before the header, or before the first row if there is no header.
+        encoding: encoding of a text file; Excel writes cp1252 if it does not write UTF-8.
         matrix: name of the variable of a MAT file, if the channels are columns of one matrix.
         sheet: name of the sheet of a spreadsheet; empty for the first.
         rate: sampling rate, as "500 Hz", if there is no time column.
@@ -49,10 +51,29 @@ class FilesTable(_ImportTable):
     decimal: Literal[".", ","] = "."
     thousands: Literal["", ".", ",", " ", "'"] = ""
     header: bool = True
+    units: bool = False
+    encoding: Literal["utf-8", "cp1252"] = "utf-8"
     skip: Annotated[int, Field(ge=0)] = 0
     matrix: str = ""
     sheet: str = ""
     rate: str = ""
+
+    @property
+    def lines_above(self) -> int:
+        """Return the number of lines above the first row of numbers."""
+        return self.skip + self.header + self.units
+
+    @property
+    def skipped_lines(self) -> list[int]:
+        """Return the indices of the lines that are neither header nor row; the first line is 0."""
+        return [*range(self.skip), *([self.skip + 1] if self.units else [])]
+
+    @model_validator(mode="after")
+    def _check_units(self) -> FilesTable:
+        if self.units and not self.header:
+            rule, remedy = "`units` needs a header above the units", "Remove `header = false` or `units`."
+            raise BadInput.from_rule(rule, "no header", "[files]", remedy)
+        return self
 
     @model_validator(mode="after")
     def _check_marks(self) -> FilesTable:
@@ -97,13 +118,14 @@ class ChannelEntry(_ImportTable):
     zero: Annotated[float, Field(allow_inf_nan=False)] = 0.0
     scale: Annotated[float, Field(allow_inf_nan=False), AfterValidator(_check_scale)] = 1.0
 
-    def to_si(self, name: str, where: str) -> float:
-        """Return the SI value of one unit of the file."""
-        unit = self.unit or (split_title(self.column)[1] if isinstance(self.column, str) else None) or ""
+    def to_si(self, name: str, header: str, where: str) -> float:
+        """Return the SI value of one unit of the file, for a channel whose column has this header."""
+        unit = self.unit or split_title(header)[1] or ""
         kind = _KINDS[name]
         if not unit and kind != "count":
             rule = f"`{name}` needs a unit"
-            example = f'{{column = "{self.column}", unit = "{_EXAMPLE_UNITS[kind]}"}}'
+            column = self.column if isinstance(self.column, int) else f'"{self.column}"'
+            example = f'{{column = {column}, unit = "{_EXAMPLE_UNITS[kind]}"}}'
             raise BadInput.from_rule(rule, "none", where, f"Write, for example, {name} = {example}.")
         if kind != "contraction":
             return self.scale * parse_unit(unit, kind, where)

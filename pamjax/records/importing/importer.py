@@ -23,12 +23,16 @@ from pamjax.records.reading.header import COLUMN_KINDS
 from pamjax.records.reading.muscle_toml import read_muscle_toml
 from pamjax.records.recording import MAX_CYCLE, Recording
 from pamjax.records.writing.case_folder import write_case
+from pamjax.records.writing.template import MUSCLE_TEMPLATE
 from pamjax.units import MAGNITUDE_LIMITS, format_count, format_quantity, parse_quantity
 
 #: Separator of the names of a test's files.
 _FILE_SEPARATOR = " + "
 #: Longest time between two tests, s: ten years.
 _MAX_GAP = 3.2e8
+_EXAMPLE_NOTE = (
+    "muscle.toml has the rest length and the braid of the template. Replace them by yours, and import again."
+)
 #: Order in which channels are read; the file of the first one determines the time of a test.
 _CHANNEL_ORDER = ("force", "pressure", "length", *LENGTH_SOURCES, "diameter", "cycle")
 
@@ -49,6 +53,14 @@ class ImportResult(NotebookText):
     samples: int
     tare: dict[str, tuple[float, float, float]]
 
+    @property
+    def has_example_values(self) -> bool:
+        """Return whether rest length and braid are those of the template of `pamjax new`."""
+        own, example = self.case.muscle_toml, read_muscle_toml(MUSCLE_TEMPLATE.encode())
+        return all(
+            getattr(own, name) == getattr(example, name) for name in ("rest_length", "thread_length", "turns")
+        )
+
     def __str__(self) -> str:
         files = {name for test in self.tests for name in test.split(_FILE_SEPARATOR)}
         lines = [
@@ -62,6 +74,8 @@ class ImportResult(NotebookText):
         for name in recording.channels:
             if blank := int(np.isnan(getattr(recording, name)).sum()):
                 lines.append(f"  {format_count(blank, 'row')} without {name}")
+        if self.has_example_values:
+            lines.append(f"  note: {_EXAMPLE_NOTE}")
         return "\n".join(lines)
 
     def as_dict(self) -> dict:
@@ -72,7 +86,7 @@ class ImportResult(NotebookText):
             "samples": self.samples,
             "tests": list(self.tests),
             "tare": {n: dict(zip(("low", "high", "true"), v, strict=True)) for n, v in self.tare.items()},
-            "warnings": list(self.case.warnings),
+            "warnings": [*self.case.warnings, *([_EXAMPLE_NOTE] if self.has_example_values else [])],
         }
 
 
@@ -217,7 +231,8 @@ def _read_test(
 
 def _read_channel(spec: ImportSpec, name: str, file: RigFile) -> np.ndarray:
     column = spec.columns[name]
-    readings, factor = file[column.column], column.to_si(name, f"[columns] {name}")
+    readings = file[column.column]
+    factor = column.to_si(name, file.find_header(column.column), f"[columns] {name}")
     with np.errstate(over="ignore", invalid="ignore"):
         values = (readings - column.zero) * factor
     # A blank cell stays blank; an overflow may also give NaN.

@@ -16,6 +16,7 @@ from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.import_spec import FilesTable
 from pamjax.records.importing.mat_file import read_mat
 from pamjax.records.importing.spreadsheet import read_sheet
+from pamjax.records.importing.unit_line import add_units, is_unit
 from pamjax.records.quotation_marks import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
 from pamjax.records.reading.header import split_title
 
@@ -29,6 +30,9 @@ _COMMA_PATTERN = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
 
 #: Number of lines in which a missing column is searched.
 _MAX_SEARCHED_LINES = 100
+
+_UNITS_REMEDY = "If this line contains the units, write units = true in [files]."
+_ENCODING_REMEDY = 'If Excel wrote it, write encoding = "cp1252" in [files]. Otherwise save it as UTF-8.'
 
 _SEPARATORS = {",": ",", ";": ";", "tab": "\t", "space": r"\s+"}
 
@@ -52,16 +56,26 @@ class RigFile:
         if path.suffix.lower() == ".mat":
             self._columns = read_mat(path, file_format.matrix)
         elif path.suffix.lower() == ".xlsx":
-            self.lines_above = file_format.skip + file_format.header
+            self.lines_above = file_format.lines_above
             self._columns = read_sheet(path, file_format)
         else:
-            self._columns = self._read_text(split_lines(decode_text(raw, self.name)), file_format)
+            text = decode_text(raw, self.name, file_format.encoding, _ENCODING_REMEDY)
+            self._columns = self._read_text(split_lines(text), file_format)
 
     def __getitem__(self, column: int | str) -> np.ndarray:
         """Return the numbers of a column, (n,), NaN where a cell is blank.
 
         Raises:
             BadInput: if there is no such column, or if it contains other text.
+        """
+        shown = f"{column}" if isinstance(column, int) else f"`{column}`"
+        return self._parse_cells(self._columns[self.find_header(column)], shown)
+
+    def find_header(self, column: int | str) -> str:
+        """Return the header of a column, with its unit if the file states one.
+
+        Raises:
+            BadInput: if there is no such column.
         """
         if isinstance(column, int):
             names = list(self._columns)
@@ -71,7 +85,7 @@ class RigFile:
                 raise BadInput.from_rule(
                     rule, got, remedy="Columns count from 1. Check `separator` in [files]."
                 )
-            return self._parse_cells(self._columns[names[column - 1]], f"{column}")
+            return names[column - 1]
         plain = {split_title(name)[0]: name for name in self._columns}
         header = column if column in self._columns else plain.get(column, "")
         if not header:
@@ -80,7 +94,7 @@ class RigFile:
                 "none",
                 remedy=self._suggest_skip(column) or suggest_word(column, self._columns),
             )
-        return self._parse_cells(self._columns[header], f"`{column}`")
+        return header
 
     def locate_row(self, index: int) -> str:
         """Return the location of a row, for error messages."""
@@ -90,7 +104,7 @@ class RigFile:
         """Return the columns of a text file, whose comments above the header are skipped."""
         comment_lines = _count_comment_lines(lines[file_format.skip :], file_format.header)
         file_format = file_format.model_copy(update={"skip": file_format.skip + comment_lines})
-        self.lines_above = file_format.skip + file_format.header
+        self.lines_above = file_format.lines_above
         self._first_lines = lines[:_MAX_SEARCHED_LINES]
         return _read_csv(lines, file_format, self.name)
 
@@ -105,14 +119,20 @@ class RigFile:
         if isinstance(cells, np.ndarray) and cells.dtype.kind in "biuf":
             return cells.astype(float)
         # One cell that is no number makes a column of texts, so the marks are replaced here.
+        # A spreadsheet has numbers in its other cells, which have no marks.
         raw_texts = ["" if pd.isna(cell) else str(cell).strip() for cell in cells]
-        texts = [self._replace_marks(cell) for cell in raw_texts]
+        texts = [
+            text if isinstance(cell, int | float) else self._replace_marks(text)
+            for cell, text in zip(cells, raw_texts, strict=True)
+        ]
         invalid = [i for i, cell in enumerate(texts) if cell and not _CELL_PATTERN.fullmatch(cell)]
         if invalid:
             cell = raw_texts[invalid[0]]
             rule = f"column {column} must contain only numbers or blanks"
             got = repr(format_printable(cell, MAX_CELL_CHARACTERS))
-            raise BadInput.from_rule(rule, got, self.locate_row(invalid[0]), _suggest_format(cell))
+            has_unit = invalid[0] == 0 and self._format.header and not self._format.units and is_unit(cell)
+            remedy = _UNITS_REMEDY if has_unit else _suggest_format(cell)
+            raise BadInput.from_rule(rule, got, self.locate_row(invalid[0]), remedy)
         return np.array([cell or "nan" for cell in texts], dtype=float)
 
     def _replace_marks(self, cell: str) -> str:
@@ -167,7 +187,7 @@ def _read_csv(lines: list[str], file_format: FilesTable, file: str) -> dict[str,
                 decimal=file_format.decimal,
                 thousands=file_format.thousands or None,
                 header=0 if file_format.header else None,
-                skiprows=file_format.skip,
+                skiprows=file_format.skipped_lines,
                 skip_blank_lines=False,
                 skipinitialspace=True,
             )
@@ -187,7 +207,11 @@ def _read_csv(lines: list[str], file_format: FilesTable, file: str) -> dict[str,
         raise BadInput.from_rule(
             f"{file} must contain rows of numbers", "none", remedy="Check `skip` and `header` in [files]."
         )
-    return {str(name).strip(): table[name].to_numpy() for name in table.columns}
+    names = [str(name).strip() for name in table.columns]
+    if file_format.units:
+        unit_line = "".join(lines[file_format.skip + 1 : file_format.skip + 2]).strip()
+        names = add_units(names, re.split(re.escape(mark) if mark != " " else r"\s+", unit_line))
+    return {name: table.iloc[:, k].to_numpy() for k, name in enumerate(names)}
 
 
 def _format_ragged(message: str) -> str:

@@ -11,6 +11,7 @@ import pandas as pd
 
 from pamjax.errors import BadInput, suggest_word
 from pamjax.records.importing.import_spec import FilesTable
+from pamjax.records.importing.unit_line import add_units
 
 #: Largest size of an unpacked file, bytes. A small archive can unpack to any size.
 _MAX_UNPACKED_BYTES = 300_000_000
@@ -24,7 +25,7 @@ def read_sheet(path: Path, file_format: FilesTable) -> dict[str, Any]:
 
     Args:
         path: a file in the format of Excel 2007 or later.
-        file_format: `sheet`, `skip` and `header` of the file.
+        file_format: `sheet`, `skip`, `header` and `units` of the file.
 
     Raises:
         BadInput: if the file cannot be read, has no such sheet, or if the sheet has no rows.
@@ -74,7 +75,12 @@ def _open_book(path: Path) -> pd.ExcelFile:
 def _parse_sheet(book: pd.ExcelFile, sheet: str, path: Path, file_format: FilesTable) -> pd.DataFrame:
     try:
         header = 0 if file_format.header else None
-        return pd.read_excel(book, sheet_name=sheet, header=header, skiprows=file_format.skip)
+        table = pd.read_excel(book, sheet_name=sheet, header=header, skiprows=file_format.skipped_lines)
+        if file_format.units:
+            below = file_format.skip + 1
+            cells = pd.read_excel(book, sheet_name=sheet, header=None, skiprows=below, nrows=1)
+            table.columns = add_units([str(name) for name in table.columns], cells.iloc[0])
+        return table
     except Exception as error:  # as above
         raise _refuse(path, f"a damaged sheet `{sheet}`") from error
 

@@ -72,6 +72,12 @@ modulus = {value = "70 GPa", sd = "15 GPa"}
 # thickness = "1.5 mm"
 # modulus = {value = "1 MPa", sd = "0.5 MPa"}
 
+# A test without a load, or with a hung weight: the force is set, and the length is measured.
+# Then recording.csv needs no column "force", and a fit usually needs the rubber: --with bladder_elasticity.
+# [test]
+# measured = "length"
+# load = "0 N"
+
 [sensors]
 # Noise of one sample, one standard deviation: the scatter of a reading while nothing moves. If you omit force
 # or diameter, pamjax estimates its noise. If you omit pressure or length, it counts as exact.

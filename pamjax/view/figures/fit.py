@@ -12,6 +12,7 @@ The figure of the priors is in `fit_priors.py`.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from pamjax.channels import DISPLAY_UNIT, format_channel_value
 from pamjax.errors import BadInput
 from pamjax.infer.fitting.report import exceeds_noise
 from pamjax.infer.fitting.result import CaseFit, Fit
+from pamjax.infer.problem.informative_samples import find_informative_samples
 from pamjax.infer.problem.rms import compute_rms
 from pamjax.records.case import Case
 from pamjax.units import compute_si_factor, format_quantity
@@ -101,10 +103,20 @@ def _add_contraction_axis(panel: Axes, case: Case) -> None:
     axis.set_ylabel("contraction [%]")
 
 
+def _blank_meaningless_rows(case: Case, channel: str, prediction: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the prediction of a channel, (n,), NaN for the length at a set force near zero pressure.
+
+    There the muscle has no stiffness, and the predicted length can be metres.
+    """
+    if not case.recording.measures_length:
+        return prediction[channel]
+    return np.where(find_informative_samples(case, channel), prediction[channel], np.nan)
+
+
 def _plot_points_and_lines(panel: Axes, case_fit: CaseFit, row_layout: Layout, channel: str) -> None:
     scale = compute_si_factor(DISPLAY_UNIT[channel])
     measured_values = getattr(case_fit.case.recording, channel) / scale
-    predicted_values = case_fit.prediction[channel] / scale
+    predicted_values = _blank_meaningless_rows(case_fit.case, channel, case_fit.prediction) / scale
     measured_rows = np.isfinite(measured_values)
     drawn_rows = thin_points(np.where(row_layout.group >= 0, row_layout.x, np.nan), measured_values)
     style = _choose_point_style(measured_rows)
@@ -202,7 +214,8 @@ def plot_residual(case_fit: CaseFit, narrow: bool = False) -> Figure:
 
 def _compute_residual(case_fit: CaseFit, channel: str) -> np.ndarray:
     """Return measured − model in the display unit, (n,)."""
-    misfit = getattr(case_fit.case.recording, channel) - case_fit.prediction[channel]
+    prediction = _blank_meaningless_rows(case_fit.case, channel, case_fit.prediction)
+    misfit = getattr(case_fit.case.recording, channel) - prediction
     return np.where(case_fit.case.recording.usable, misfit, np.nan) / compute_si_factor(DISPLAY_UNIT[channel])
 
 
@@ -289,7 +302,8 @@ def _plot_blocks(panel: Axes, case_fit: CaseFit, channel: str, block_names: list
     label = np.array(case_fit.block)
     rmse = {}
     for kind, prediction in (("fitted", case_fit.prediction), ("held-out", case_fit.held_out_prediction)):
-        misfit = getattr(case_fit.case.recording, channel) - prediction[channel]
+        predicted_values = _blank_meaningless_rows(case_fit.case, channel, prediction)
+        misfit = getattr(case_fit.case.recording, channel) - predicted_values
         rmse[kind] = np.array([compute_rms(misfit[label == name]) / scale for name in block_names])
     y = np.arange(len(block_names))
     panel.hlines(y, rmse["fitted"], rmse["held-out"], color=REFERENCE_COLOUR, lw=0.8)

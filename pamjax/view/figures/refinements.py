@@ -1,7 +1,7 @@
 """Figure of the refinements: what each further parameter of a mechanism does to its textbook form.
 
 drift      zero of the load cell over time
-locking    force of jammed threads against contraction
+locking    force of jammed threads against contraction: power of the overlap; start of contact, and stretch
 friction   loops of force against contraction; strength against speed
 damping    force of a damper against speed
 rubber     force of the bladder against contraction
@@ -9,6 +9,7 @@ creep      relaxing stress against time
 softening  force of the part of the wall that softens, against contraction
 supply     pressure drop against flow
 bedding    permanent elongation against the largest load so far
+coat       error of the outer diameter against contraction
 """
 
 # Mechanisms take plain numbers here; their fields are typed as arrays.
@@ -31,6 +32,7 @@ from pamjax.model.mechanism import AbstractStoredEnergy, Past
 from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.braid_friction import BraidFriction
 from pamjax.model.mechanisms.braid_locking import BraidLocking
+from pamjax.model.mechanisms.diameter_offset import DiameterOffset
 from pamjax.model.mechanisms.end_taper import EndTaper
 from pamjax.model.mechanisms.force_drift import ForceDrift
 from pamjax.model.mechanisms.mullins_softening import MullinsSoftening
@@ -60,28 +62,30 @@ Curves = dict[str, tuple[np.ndarray, np.ndarray]]
 
 
 def plot_refinements() -> Figure:
-    """Return the figure: a panel for each mechanism with a refinement, and two for friction."""
+    """Return the figure: a panel for each mechanism with a refinement; two for friction and for jamming."""
     with apply_theme():
-        figure = create_figure(DOUBLE_COLUMN, 13.0)
-        *panels, unused = figure.subplots(6, 2).flat
+        figure = create_figure(DOUBLE_COLUMN, 15.4)
+        *panels, unused = figure.subplots(7, 2).flat
         unused.remove()
         _plot_curves(panels[0], "force_drift", compute_drifts(), "time [min]", "zero [N]")
-        _plot_curves(panels[1], "braid_locking", compute_lockings(), "contraction [%]", "force [N]")
-        _plot_curves(panels[2], "bladder_elasticity", compute_rubbers(), "contraction [%]", "force [N]")
-        _plot_curves(panels[3], "braid_friction", compute_loops(), "contraction [%]", "force [N]")
-        _plot_curves(panels[4], "braid_friction", compute_strengths(), "speed [mm/s]", "strength [1]")
-        _plot_curves(panels[5], "viscoelastic_creep", compute_relaxations(), "time [s]", "stress [1]")
+        _plot_curves(panels[1], "bladder_elasticity", compute_rubbers(), "contraction [%]", "force [N]")
+        _plot_curves(panels[2], "braid_locking", compute_lockings(), "contraction [%]", "force [N]")
+        _plot_curves(panels[3], "braid_locking", compute_contacts(), "contraction [%]", "force [N]")
+        _plot_curves(panels[4], "braid_friction", compute_loops(), "contraction [%]", "force [N]")
+        _plot_curves(panels[5], "braid_friction", compute_strengths(), "speed [mm/s]", "strength [1]")
         _plot_curves(panels[6], "mullins_softening", compute_softenings(), "contraction [%]", "force [N]")
-        _plot_curves(panels[7], "pressure_drop", compute_pressure_drops(), "flow [ml/s]", "drop [kPa]")
-        _plot_curves(panels[8], "end_taper", compute_end_losses(), "contraction [%]", "force [N]")
-        _plot_curves(panels[9], "thread_slip", compute_beddings(), "largest load [N]", "elongation [%]")
-        _plot_curves(panels[10], "viscous_damping", compute_dampings(), "speed [mm/s]", "force [N]")
-        for panel in (panels[0], panels[3]):
+        _plot_curves(panels[7], "viscoelastic_creep", compute_relaxations(), "time [s]", "stress [1]")
+        _plot_curves(panels[8], "pressure_drop", compute_pressure_drops(), "flow [ml/s]", "drop [kPa]")
+        _plot_curves(panels[9], "end_taper", compute_end_losses(), "contraction [%]", "force [N]")
+        _plot_curves(panels[10], "thread_slip", compute_beddings(), "largest load [N]", "elongation [%]")
+        _plot_curves(panels[11], "diameter_offset", compute_coats(), "contraction [%]", "diameter error [mm]")
+        _plot_curves(panels[12], "viscous_damping", compute_dampings(), "speed [mm/s]", "force [N]")
+        for panel in (panels[0], panels[4]):
             # Room for the legend above the curves.
             low, high = panel.get_ylim()
             panel.set_ylim(low, high + 0.45 * (high - low))
-        panels[4].set_xscale("log")
         panels[5].set_xscale("log")
+        panels[7].set_xscale("log")
         add_panel_letters(panels)
     return figure
 
@@ -117,6 +121,17 @@ def compute_lockings() -> Curves:
         f"exponent {exponent:g}": _compute_force(BraidLocking(0.3e6, 0.2, exponent), 0.15)
         for exponent in (1.0, 1.5, 3.0)
     }
+
+
+def compute_contacts() -> Curves:
+    """Return the force of jammed threads near rest length, N, at a strain of the threads of 1 %, by form."""
+    unloaded = jnp.asarray(DEMO_THREAD_LENGTH), jnp.asarray(DEMO_TURNS)
+    forms = {
+        "rounding 0.01, stretch 0": BraidLocking(0.3e6, 0.2),
+        "rounding 0.1": BraidLocking(0.3e6, 0.2, rounding=0.1),
+        "stretch 1, at 1 % strain": BraidLocking(0.3e6, 0.2, stretch=1.0),
+    }
+    return {name: _compute_force(form.prepare(*unloaded), 0.15, 0.01) for name, form in forms.items()}
 
 
 def compute_rubbers() -> Curves:
@@ -278,22 +293,42 @@ def compute_beddings() -> Curves:
     }
 
 
+def compute_coats() -> Curves:
+    """Return the error of the outer diameter by a coat, mm, by thinning."""
+    contraction = np.linspace(0, 0.3, 121)
+    state, nothing = _build_state(DEMO_REST_LENGTH * (1 - contraction)), jnp.zeros(contraction.size)
+    time = np.arange(contraction.size, dtype=float)
+    past, history = Past(state, nothing, nothing, nothing), build_time_history(time, time == 0)
+    coats = {f"thinning {power:g}": DiameterOffset(3e-3, thinning=power) for power in (0.0, 0.7, 1.0)}
+    return {
+        name: (
+            100 * contraction,
+            1e3 * np.asarray(coat.to_recorded_outputs(nothing, nothing, past, history)[1]),
+        )
+        for name, coat in coats.items()
+    }
+
+
 def _build_state(length: np.ndarray) -> State:
     """Return the cylinder at some lengths, m."""
     values = jnp.asarray(length)
     return Cylinder()(values, jnp.full_like(values, DEMO_THREAD_LENGTH), jnp.full_like(values, DEMO_TURNS))
 
 
-def _compute_force(mechanism: AbstractStoredEnergy, stroke: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return contraction, %, and the force of a stored energy at constant thread length, N."""
+def _compute_force(
+    mechanism: AbstractStoredEnergy, stroke: float, strain: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return contraction, %, and the force of a stored energy at constant strain of the threads, N."""
     contraction = np.linspace(0, stroke, 150)
-    return 100 * contraction, _compute_slope(mechanism.energy, DEMO_REST_LENGTH * (1 - contraction))
+    force = _compute_slope(mechanism.energy, DEMO_REST_LENGTH * (1 - contraction), strain)
+    return 100 * contraction, force
 
 
-def _compute_slope(energy: Callable[[State], Array], length: np.ndarray) -> np.ndarray:
-    """Return the derivative of an energy of the state by the length, at constant thread length."""
+def _compute_slope(energy: Callable[[State], Array], length: np.ndarray, strain: float = 0.0) -> np.ndarray:
+    """Return the derivative of an energy of the state by the length, at constant strain of the threads."""
+    thread_length = jnp.asarray(DEMO_THREAD_LENGTH * (1 + strain))
 
     def compute_energy(value):
-        return energy(Cylinder()(value, jnp.asarray(DEMO_THREAD_LENGTH), jnp.asarray(DEMO_TURNS)))
+        return energy(Cylinder()(value, thread_length, jnp.asarray(DEMO_TURNS)))
 
     return np.asarray(jax.vmap(jax.grad(compute_energy))(jnp.asarray(length)))

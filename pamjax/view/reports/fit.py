@@ -99,7 +99,8 @@ def _list_next_steps(fit: Fit, estimates: Mapping[str, Estimate]) -> Iterator[st
     """Yield the next steps, with commands for the folders of the cases; backticks enclose code."""
     cases = [case_fit.case for case_fit in fit.cases]
     folders = shlex.join(str(case.folder) for case in cases)
-    if _has_misfit(fit) or _find_large_error(fit):
+    has_misfit = _has_misfit(fit) or _find_large_error(fit)
+    if has_misfit:
         reason = (
             "The misfit exceeds the noise." if _has_misfit(fit) else "The error is too large for a sensor."
         )
@@ -119,7 +120,10 @@ def _list_next_steps(fit: Fit, estimates: Mapping[str, Estimate]) -> Iterator[st
                 describe_weak_information(name, classify_sd_ratio(estimates[name].sd_ratio))
                 + f" `pamjax plan {folders} --goal {name}` selects further runs."
             )
-    if not any(case.recording.measures_length for case in cases):
+    if any(case.recording.measures_length for case in cases):
+        if not has_misfit:
+            yield f"`pamjax diagnose {folders}` tests whether other mechanisms explain the recording as well."
+    else:
         yield (
             "The standard deviations above treat the noise level as exact."
             f" `pamjax sample {folders}` includes its uncertainty."

@@ -8,7 +8,14 @@ import pytest
 from pamjax.errors import BadInput
 from pamjax.records.case import read_case
 from pamjax.records.reading.muscle_toml import read_muscle_toml
-from pamjax.records.reading.schema import BaselineTable, BladderTable, MuscleTable, SensorsTable, ThreadTable
+from pamjax.records.reading.schema import (
+    BaselineTable,
+    BladderTable,
+    MeasurementTable,
+    MuscleTable,
+    SensorsTable,
+    ThreadTable,
+)
 from pamjax.records.writing.template import write_template
 
 
@@ -29,7 +36,7 @@ def test_template_is_marked_as_an_example(tmp_path):
 
 def test_every_entry_is_explained(tmp_path):
     text = write_template(tmp_path / "new")[1].read_text()
-    for table in (MuscleTable, ThreadTable, BladderTable, SensorsTable, BaselineTable):
+    for table in (MuscleTable, ThreadTable, BladderTable, MeasurementTable, SensorsTable, BaselineTable):
         for name in table.model_fields:
             assert re.search(rf"^(# )?{name} = ", text, re.MULTILINE), f"[{table.__name__}] {name}"
 

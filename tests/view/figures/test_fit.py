@@ -91,6 +91,26 @@ def table(**more):
     return made_up_fit(np.linspace(1e5, 7e5, 5), np.full(5, 0.2), None, ("diameter",), **more)
 
 
+def free_contraction():
+    """Return a fit of lengths without a load; near zero pressure the predicted length has no meaning."""
+    pressure = np.r_[300.0, np.linspace(5e4, 6e5, 59)]
+    length = np.r_[0.2, np.linspace(0.19, 0.15, 59)]
+    predicted = np.r_[4.0, length[1:] + 1e-4 * np.tile([1.0, -1.0], 30)[1:]]
+    like = made_up_fit(pressure, length, np.arange(60.0))
+    recording = Recording.from_arrays(
+        time=np.arange(60.0), pressure=pressure, length=length, force=np.zeros(60), measures_length=True
+    )
+    return replace(
+        like,
+        case=replace(like.case, recording=recording),
+        prediction={"length": predicted},
+        held_out_prediction={"length": predicted + 1e-4},
+        rmse={"length": 1e-4},
+        noise={"length": ChannelNoise(1e-4, True, 1.0, 1.0, 0.0, 59)},
+        held_out_score=HeldOutScore("parts", (), {"length": 2e-4}),
+    )
+
+
 def select_lines(figure, kind):
     """Return the lines of a kind for each panel."""
     return [
@@ -302,3 +322,17 @@ def test_saving_figures_changes_no_settings(tmp_path):
     assert all(path.is_file() for path in written)
     assert matplotlib.image.imread(written[1]).shape[1] == 960
     assert matplotlib.rcParams["font.size"] == before
+
+
+def test_length_without_pressure_is_not_compared():
+    case_fit = free_contraction()
+    ((model,),) = select_lines(plot_prediction(case_fit), "model")
+    assert np.nanmax(model.get_ydata()) < 201.0
+    ((measured,),) = select_lines(plot_prediction(case_fit), "measured")
+    assert measured.get_xdata().size == 60
+    figure = plot_residual(case_fit)
+    for lines in select_lines(figure, "residual"):
+        np.testing.assert_allclose(np.abs(lines[0].get_ydata()), 0.1, rtol=1e-6)
+        assert lines[0].get_ydata().size == 59
+    for panel in panels(plot_held_out(case_fit)):
+        assert panel.get_xlim()[1] < 0.5

@@ -3,13 +3,64 @@
 import numpy as np
 import pytest
 
+from pamjax.model.registry import MECHANISMS
+from pamjax.parameter import list_field_meanings
 from pamjax.view.figures import refinements
 from tests.agreement import SOLVED, agree
 
 CURVES = (
-    *("drifts", "lockings", "rubbers", "loops", "strengths"),
-    *("relaxations", "softenings", "pressure_drops", "end_losses", "beddings", "dampings"),
+    *("drifts", "rubbers", "lockings", "contacts", "loops", "strengths"),
+    *("softenings", "relaxations", "pressure_drops", "end_losses", "beddings", "coats", "dampings"),
 )
+
+#: Refinements that set the scale or the phase of another one.
+SCALES = {"warmup_time", "period", "swing_cosine", "weakening_speed", "cyclic_energy"}
+
+
+def list_refinements(kind):
+    """Return the names of the refinements of a mechanism."""
+    return [n for n, m in list_field_meanings(kind).items() if m.is_refinement and n not in SCALES]
+
+
+def test_every_refinement_has_a_curve(monkeypatch):
+    drawn = set()
+
+    def record(kind):
+        def build(*values, **named_values):
+            mechanism, defaults = kind(*values, **named_values), kind()
+            drawn.update(
+                (kind.id, name)
+                for name in list_refinements(kind)
+                if getattr(mechanism, name) != getattr(defaults, name)
+            )
+            return mechanism
+
+        return build
+
+    for kind in MECHANISMS:
+        monkeypatch.setattr(refinements, kind.__name__, record(kind), raising=False)
+    for name in CURVES:
+        getattr(refinements, f"compute_{name}")()
+    assert drawn == {(kind.id, name) for kind in MECHANISMS for name in list_refinements(kind)}
+    assert ("braid_locking", "stretch") in drawn
+
+
+def test_stretched_threads_touch_later():
+    first, rounded, stretched = (force for _, force in refinements.compute_contacts().values())
+    x, unstretched = refinements.compute_lockings()["exponent 1"]
+    # Without `stretch`, the strain changes only the thread length b in the force: its third power and cos θ.
+    agree(first, unstretched, 0.05, np.max(unstretched))
+    assert np.all(stretched < first + 1e-6)
+    starts = [x[np.argmax(force < 0.02 * np.max(first))] for force in (first, rounded, stretched)]
+    assert starts[2] < starts[0] - 1 < starts[1] - 2
+
+
+def test_a_coat_becomes_thinner_in_proportion_to_the_diameter():
+    (_, bare), _, (contraction, coat) = refinements.compute_coats().values()
+    agree(bare, 3.0, SOLVED)
+    length = refinements.DEMO_REST_LENGTH * (1 - contraction / 100)
+    diameter = np.sqrt(refinements.DEMO_THREAD_LENGTH**2 - length**2)
+    agree(coat * diameter / (coat * diameter)[0], 1.0, SOLVED)
 
 
 @pytest.mark.parametrize("name", CURVES)

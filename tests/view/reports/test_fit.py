@@ -18,7 +18,7 @@ from pamjax.view.reports.fit import (
     format_agreement,
 )
 from pamjax.view.wording import capitalise_sentence
-from tests.view.figures.test_fit import lengths, made_up_fit, strokes
+from tests.view.figures.test_fit import free_contraction, lengths, made_up_fit, strokes
 
 
 def fit(*cases):
@@ -70,6 +70,16 @@ def test_next_step_says_how_well_a_parameter_is_determined(sd, words):
     sentences = " ".join(_list_next_steps(fit(strokes()), {"thread.modulus": estimate}))
     assert ("--goal thread.modulus` selects further runs" in sentences) == (words is not None)
     assert words is None or words in sentences
+
+
+def test_every_fit_has_a_next_step():
+    (step,) = _list_next_steps(fit(free_contraction()), {})
+    assert step == "`pamjax diagnose .` tests whether other mechanisms explain the recording as well."
+    noisy = free_contraction()
+    noise = replace(noisy.noise["length"], rms_over_noise=5.0, autocorrelation_time=20.0)
+    (step,) = _list_next_steps(fit(replace(noisy, noise={"length": noise})), {})
+    assert step.startswith("The misfit exceeds the noise. `pamjax diagnose .` identifies")
+    assert any("`pamjax sample .`" in step for step in _list_next_steps(fit(strokes()), {}))
 
 
 def test_names_are_not_capitalised():
