@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import io
 import re
+import string
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -165,7 +166,7 @@ def add_pressure_bar(axes: Axes | Sequence[Axes], levels: Sequence[float], unit:
 
 def add_panel_letters(axes: Sequence[Axes]) -> None:
     """Add (a), (b), ... before the titles of panels."""
-    for name, panel in zip("abcdefghijkl", axes, strict=False):
+    for name, panel in zip(string.ascii_lowercase, axes, strict=False):
         panel.set_title(rf"$\bf{{({name})}}$ {panel.get_title('left')}", loc="left")
 
 
