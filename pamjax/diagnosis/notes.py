@@ -21,6 +21,9 @@ from pamjax.infer.fitting.report import format_contradicted_value
 from pamjax.model.parameters import find_meaning
 from pamjax.text import join_words
 
+#: Difference of the damping between both directions.
+_DAMPING_ASYMMETRY = "viscous_damping.asymmetry"
+
 
 def format_notes(problem: LibraryProblem, baseline: ModelFit, fit: ModelFit) -> list[str]:
     """Return all notes: parameters at their limits first.
@@ -32,6 +35,7 @@ def format_notes(problem: LibraryProblem, baseline: ModelFit, fit: ModelFit) -> 
     """
     return [
         *format_parameters_at_limit(problem, fit),
+        *format_damping_asymmetry(problem, fit),
         *format_untestable_mechanisms(problem),
         *format_unidentified_combinations(problem, baseline),
     ]
@@ -79,6 +83,23 @@ def _list_stated_at_limit(problem: LibraryProblem, fit: ModelFit) -> list[int]:
     """Return the indices of the baseline's stated parameters that are at their limits."""
     at_limit = [fit.estimate.free[k] for k in find_parameters_at_limit(problem, fit.estimate)]
     return [k for k in at_limit if problem.is_baseline[k] and np.isfinite(problem.prior_sd[k])]
+
+
+def format_damping_asymmetry(problem: LibraryProblem, fit: ModelFit) -> list[str]:
+    """Return a note on a damper that depends on direction, if a zero error of the force resembles it.
+
+    Args:
+        problem: the recording and the library.
+        fit: the refitted baseline with the identified mechanisms.
+    """
+    k = problem.index(_DAMPING_ASYMMETRY)
+    if k not in fit.estimate.free or "force_offset" in fit.ids:
+        return []
+    return [
+        f"`{_DAMPING_ASYMMETRY}` is {fit.estimate.values[k]:+.2f}. At a constant speed, an even damper with a"
+        " zero error of the force (`force_offset`) predicts the same. Check the zero of the load cell, or"
+        " repeat a stroke at another speed."
+    ]
 
 
 def format_untestable_mechanisms(problem: LibraryProblem) -> list[str]:

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.notes import (
     describe_values_at_limit,
+    format_damping_asymmetry,
     format_parameters_at_limit,
     format_unidentified_combinations,
     format_untestable_mechanisms,
@@ -85,3 +87,17 @@ def test_mechanisms_that_a_table_cannot_test_are_reported():
     assert "`time`" in note
     assert "friction" in note
     assert format_untestable_mechanisms(problem) == []
+
+
+def test_damper_that_a_force_offset_resembles_is_reported():
+    problem = build_plan_problem()
+    k = problem.index("viscous_damping.asymmetry")
+    values = problem.neutral.copy()
+    values[k] = 0.5
+    (note,) = format_damping_asymmetry(problem, build_fit(values, [k]))
+    assert note.startswith("`viscous_damping.asymmetry` is +0.50.")
+    assert "`force_offset`" in note
+    # An even damper has no such parameter, and beside a named offset nothing is in doubt.
+    offset = Candidate("force_offset", ("force_offset.offset",))
+    assert format_damping_asymmetry(problem, build_fit(values, get_free())) == []
+    assert format_damping_asymmetry(problem, build_fit(values, [k], mechanisms=(offset,))) == []

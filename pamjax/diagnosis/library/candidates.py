@@ -266,12 +266,14 @@ def _build_thread_slip(scales: RecordingScales) -> list[Candidate]:
 
 def _build_viscous_damping(scales: RecordingScales) -> list[Candidate]:
     amplitudes = ("viscous_damping.coefficient", "viscous_damping.pressed")
-    if scales.speed_ratio < scales.settings.min_speed_ratio_for_power:
-        # At one speed the data do not determine the power: it would be fitted to noise of the rate.
-        return [Candidate("viscous_damping", amplitudes)]
-    return [
-        Candidate("viscous_damping", amplitudes, {"viscous_damping.power": power}) for power in (0.5, 0.95)
-    ]
+    # At one speed the data do not determine the power: it would be fitted to noise of the rate.
+    powers = (
+        [{"viscous_damping.power": power} for power in (0.5, 0.95)]
+        if scales.speed_ratio >= scales.settings.min_speed_ratio_for_power
+        else [{}]
+    )
+    sides = ({}, {"viscous_damping.asymmetry": 0.5}, {"viscous_damping.asymmetry": -0.5})
+    return [Candidate("viscous_damping", amplitudes, power | side) for power in powers for side in sides]
 
 
 def _build_pressure_drop(scales: RecordingScales) -> list[Candidate]:
