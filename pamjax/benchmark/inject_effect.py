@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,6 +69,17 @@ class GroundTruth:
     effects: np.ndarray
 
 
+class _Generators:
+    """Random generators by purpose: a new form of one mechanism changes the draws of no other."""
+
+    def __init__(self, rng: np.random.Generator):
+        self._seed = int(rng.integers(2**63))
+
+    def __getitem__(self, purpose: str) -> np.random.Generator:
+        """Return a generator at its start, for a purpose such as "noise", an id or a parameter name."""
+        return np.random.default_rng([self._seed, zlib.crc32(purpose.encode())])
+
+
 def inject_effects(
     effect_count: int, rng: np.random.Generator, *, setup: Setup | None = None,
     unmodelled: bool = False, only: str | None = None, correlation: float = 0.0,
@@ -96,28 +108,32 @@ def inject_effects(
         checksum="simulated",
     )
     problem = _allow_slack(build_library_problem(bare))
-    values = _draw_muscle(problem, rng)
+    generators = _Generators(rng)
+    values = _draw_muscle(problem, generators["muscle"])
+    size_rng = generators["size"]
     mechanisms: list[Candidate] = []
-    for candidate in [] if unmodelled else _draw_candidates(problem, rng, only):
+    for candidate in [] if unmodelled else _draw_candidates(problem, generators, only):
         if len(mechanisms) == effect_count:
             break
         if any(frozenset({candidate.id, other.id}) in EXCLUSIVE_PAIRS for other in mechanisms):
             continue
-        target_size = math.exp(rng.uniform(math.log(smallest), math.log(largest)))
-        trial, effect, noise_sd = _scale_to_size(problem, values, candidate, target_size, rng)
+        target_size = math.exp(size_rng.uniform(math.log(smallest), math.log(largest)))
+        trial, effect, noise_sd = _scale_to_size(problem, values, candidate, target_size, generators)
         if _compute_largest_rms(effect, noise_sd) > _MIN_EFFECT_SHARE * target_size:
             values = trial
             mechanisms.append(candidate)
     prediction = problem.predict(values)
-    prediction = prediction + _draw_form_error(problem, values, mechanisms, form_error, rng)
+    prediction = prediction + _draw_form_error(problem, values, mechanisms, form_error, generators)
     effects, sizes = _compute_separate_effects(problem, values, mechanisms)
     ids = tuple(candidate.id for candidate in mechanisms)
     if unmodelled:
-        ids = (str(rng.choice(_UNMODELLED_EFFECTS)),)
-        target_size = math.exp(rng.uniform(math.log(smallest), math.log(largest)))
-        effects, sizes = _add_unmodelled_effect(problem, values, ids[0], target_size, rng)
+        outside_rng = generators["outside"]
+        ids = (str(outside_rng.choice(_UNMODELLED_EFFECTS)),)
+        target_size = math.exp(size_rng.uniform(math.log(smallest), math.log(largest)))
+        effects, sizes = _add_unmodelled_effect(problem, values, ids[0], target_size, outside_rng)
         prediction += effects[0]
-    case = dataclasses.replace(bare, recording=_add_noise(setup, prediction, rng, correlation))
+    recording = _add_noise(setup, prediction, generators["noise"], correlation)
+    case = dataclasses.replace(bare, recording=recording)
     true = dict(zip(problem.names, values.tolist(), strict=True))
     return GroundTruth(case, ids, tuple(sizes), true, tuple(mechanisms), prediction, effects)
 
@@ -143,18 +159,16 @@ def _draw_from_prior(problem: LibraryProblem, k: int, rng: np.random.Generator) 
     return float(np.clip(value, problem.low[k], problem.high[k]))
 
 
-def _draw_candidates(problem: LibraryProblem, rng: np.random.Generator, only: str | None) -> list[Candidate]:
+def _draw_candidates(problem: LibraryProblem, generators: _Generators, only: str | None) -> list[Candidate]:
     """Return one random candidate of every mechanism, in random order."""
-    candidates = [candidate for candidate in build_candidates(problem) if only in (None, candidate.id)]
-    if problem.law != "inelastic":
+    options: dict[str, list[Candidate]] = {}
+    for candidate in build_candidates(problem):
         # An elastic baseline already includes thread stretch.
-        candidates = [candidate for candidate in candidates if candidate.id != "braid_elasticity"]
-    order = rng.permutation(sorted({candidate.id for candidate in candidates}))
-    return [options[rng.integers(len(options))] for id in order if (options := _filter_by_id(candidates, id))]
-
-
-def _filter_by_id(candidates: list[Candidate], id: str) -> list[Candidate]:
-    return [candidate for candidate in candidates if candidate.id == id]
+        is_included = candidate.id == "braid_elasticity" and problem.law != "inelastic"
+        if only in (None, candidate.id) and not is_included:
+            options.setdefault(candidate.id, []).append(candidate)
+    order = sorted(options, key=lambda id: generators[f"{id} order"].random())
+    return [options[id][generators[f"{id} form"].integers(len(options[id]))] for id in order]
 
 
 def _scale_to_size(
@@ -162,7 +176,7 @@ def _scale_to_size(
     values: np.ndarray,
     candidate: Candidate,
     target_size: float,
-    rng: np.random.Generator,
+    generators: _Generators,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Scale a candidate's amplitude to a target effect size, within its limits.
 
@@ -172,7 +186,8 @@ def _scale_to_size(
         (p,) parameter values, the effect and the noise of every sample, (2, n) each, SI.
     """
     indices = [problem.index(name) for name in candidate.amplitudes]
-    start_values = _draw_shape(problem, values, candidate, rng)
+    start_values = _draw_shape(problem, values, candidate, generators)
+    rng = generators[candidate.id]
     sign = np.array(
         [rng.choice([-1.0, 1.0]) if problem.low[k] < problem.neutral[k] else 1.0 for k in indices]
     )
@@ -198,7 +213,7 @@ def _scale_to_size(
 
 
 def _draw_shape(
-    problem: LibraryProblem, values: np.ndarray, candidate: Candidate, rng: np.random.Generator
+    problem: LibraryProblem, values: np.ndarray, candidate: Candidate, generators: _Generators
 ) -> np.ndarray:
     """Return values with a candidate's shape parameters drawn around their starting values."""
     out = values.copy()
@@ -209,7 +224,7 @@ def _draw_shape(
             assert problem.case.recording.time is not None
             low, high = problem.case.recording.time[[0, -1]]
         edge = 0.02 * (high - low) if problem.meanings[k].scale != "log" else 0.0
-        deviate = np.clip(rng.standard_normal(), -2, 2)
+        deviate = np.clip(generators[name].standard_normal(), -2, 2)
         drawn_value = (
             value + problem.prior_sd[k] * deviate
             if math.isfinite(problem.prior_sd[k])
@@ -267,7 +282,7 @@ def _draw_form_error(
     values: np.ndarray,
     mechanisms: list[Candidate],
     share: float,
-    rng: np.random.Generator,
+    generators: _Generators,
 ) -> np.ndarray:
     """Draw the deviation of the effects from their equations, SI, (2, n).
 
@@ -277,7 +292,8 @@ def _draw_form_error(
     for candidate in mechanisms if share else []:
         if candidate.id not in _SENSOR_MECHANISMS:
             effect = problem.predict(values) - problem.predict(remove_amplitudes(problem, values, candidate))
-            out += share * _draw_smooth_surface(problem.case.recording, rng) * effect
+            surface = _draw_smooth_surface(problem.case.recording, generators[f"{candidate.id} form error"])
+            out += share * surface * effect
     return out
 
 

@@ -62,7 +62,7 @@ def test_isotonic_test_has_no_comparison():
 
 @pytest.mark.slow
 def test_mechanisms_extrapolate_better_than_a_gaussian_process_and_both_better_than_the_baseline():
-    result = diagnose_bank(BankRecording(1, only="bladder_elasticity", smallest=12.0, largest=12.0))
+    result = diagnose_bank(BankRecording(1, seed=1, only="bladder_elasticity", smallest=12.0, largest=12.0))
     comparison = compare_models(result)
     held_out, extrapolation = comparison.splits
     assert list(held_out.rmse) == [BASELINE_MODEL, SELECTED_MODEL, SAROSI_MODEL, GAUSSIAN_PROCESS_MODEL]

@@ -28,12 +28,12 @@ MAX_TIES = 2
 
 #: Recordings with several mechanisms by a name for the test.
 SEVERAL = {
-    "slip_and_lag": BankRecording(2, seed=0, smallest=4.0, largest=25.0),
-    "stretch_and_softening": BankRecording(2, seed=1, smallest=4.0, largest=25.0),
-    "gain_and_locking": BankRecording(2, seed=2, smallest=4.0, largest=25.0),
-    "drop_and_softening": BankRecording(2, seed=3, smallest=4.0, largest=25.0),
-    "rubber_and_compliance": BankRecording(2, seed=4, smallest=4.0, largest=25.0),
-    "gain_and_locking_and_softening": BankRecording(3, seed=5, smallest=4.0, largest=25.0),
+    "zero_and_stretch": BankRecording(2, seed=0, smallest=4.0, largest=25.0),
+    "diameter_zero_and_lag": BankRecording(2, seed=1, smallest=4.0, largest=25.0),
+    "taper_and_relaxation": BankRecording(2, seed=3, smallest=4.0, largest=25.0),
+    "drift_and_locking": BankRecording(2, seed=4, smallest=4.0, largest=25.0),
+    "gain_and_locking": BankRecording(2, seed=7, smallest=4.0, largest=25.0),
+    "damping_and_contact_and_gain": BankRecording(3, seed=5, smallest=4.0, largest=25.0),
 }
 
 

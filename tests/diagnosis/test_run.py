@@ -71,7 +71,7 @@ def test_saved_improved_model_gives_the_same_prediction(tmp_path):
     place = document["correlation"]["names"].index("braid_friction.coefficient")
     assert document["correlation"]["matrix"][place][place] == 1.0
     judged = validate(load_muscle(tmp_path / "model.json"), envelope.case)
-    assert judged.rmse["force"] < 1.3 * build_reference_setup().muscle_toml.sensors.force
+    assert judged.rmse["force"] < 1.4 * build_reference_setup().muscle_toml.sensors.force
     assert not judged.extrapolations
 
 
