@@ -44,7 +44,7 @@ class BraidFriction(AbstractMemory):
 
         Fc  constant     N      Coulomb force that does not depend on pressure
         μ   coefficient  1      friction coefficient between threads, contact patches of radius r = 0.5 mm
-        m   exponent     1      power of pressure: 1 for patches of constant size, 2/3 for Hertzian patches
+        m   exponent     1      power of pressure: 1 for constant patches, 2/3 for Hertzian patches
         p   reach        1      power of length: 1 for crossings that rotate, 0 for a constant lever arm
         k   girth        1      power of radius: 0 for crossings that rotate, 1 for the lateral area 2πRL
         d   presliding   m      distance after a reversal until the full force, at Pr = 300 kPa
@@ -112,8 +112,10 @@ class BraidFriction(AbstractMemory):
         source="some newtons for a small muscle, more where rubber slides", default=0.0,
     )  # fmt: skip
     exponent: Scalar = parameter(
-        "1", low=0.5, high=1.0, about="exponent of pressure in the friction strength",
-        source="2/3 for elastic contacts of round threads, 1 for patches of constant size", default=1.0,
+        "1", low=0.5, high=2.0, about="exponent of pressure in the friction strength",
+        source="2/3 for elastic contacts of round threads, 1 for patches of constant size, more if the"
+        " bladder reaches the braid only above a pressure",
+        default=1.0,
     )  # fmt: skip
     reach: Scalar = parameter(
         "1", low=-1.0, high=1.0, about="exponent of length in the friction strength",

@@ -170,7 +170,7 @@ def rubbing(threads):
     share=st.floats(0.0, 1.0),
     presliding=st.floats(1e-4, 2e-2),
     give=st.floats(0.0, 2e-8),
-    exponent=st.floats(0.5, 1.0),
+    exponent=st.floats(0.5, 2.0),
     weakening=st.floats(0.0, 0.9),
     asymmetry=st.floats(-0.8, 0.8),
 )
