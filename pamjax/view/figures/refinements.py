@@ -18,6 +18,7 @@ coat       error of the outer diameter against contraction
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -61,40 +62,64 @@ _TUBE = {"inner_diameter": 19e-3, "thickness": 1.6e-3, "length": DEMO_REST_LENGT
 Curves = dict[str, tuple[np.ndarray, np.ndarray]]
 
 
+class _Panel(NamedTuple):
+    """A panel: its mechanism, curves and axis labels.
+
+    Attributes:
+        is_log: whether the abscissa has a logarithmic scale.
+        headroom: extra height for the legend, as a share of the range of the curves.
+    """
+
+    mechanism_id: str
+    curves: Curves
+    abscissa: str
+    ordinate: str
+    is_log: bool = False
+    headroom: float = 0.0
+
+
 def plot_refinements() -> Figure:
     """Return the figure: a panel for each mechanism with a refinement; two for friction and for jamming."""
+    panels = _list_panels()
     with apply_theme():
         figure = create_figure(DOUBLE_COLUMN, 15.4)
-        *panels, unused = figure.subplots(7, 2).flat
-        unused.remove()
-        _plot_curves(panels[0], "force_drift", compute_drifts(), "time [min]", "zero [N]")
-        _plot_curves(panels[1], "bladder_elasticity", compute_rubbers(), "contraction [%]", "force [N]")
-        _plot_curves(panels[2], "braid_locking", compute_lockings(), "contraction [%]", "force [N]")
-        _plot_curves(panels[3], "braid_locking", compute_contacts(), "contraction [%]", "force [N]")
-        _plot_curves(panels[4], "braid_friction", compute_loops(), "contraction [%]", "force [N]")
-        _plot_curves(panels[5], "braid_friction", compute_strengths(), "speed [mm/s]", "strength [1]")
-        _plot_curves(panels[6], "mullins_softening", compute_softenings(), "contraction [%]", "force [N]")
-        _plot_curves(panels[7], "viscoelastic_creep", compute_relaxations(), "time [s]", "stress [1]")
-        _plot_curves(panels[8], "pressure_drop", compute_pressure_drops(), "flow [ml/s]", "drop [kPa]")
-        _plot_curves(panels[9], "end_taper", compute_end_losses(), "contraction [%]", "force [N]")
-        _plot_curves(panels[10], "thread_slip", compute_beddings(), "largest load [N]", "elongation [%]")
-        _plot_curves(panels[11], "diameter_offset", compute_coats(), "contraction [%]", "diameter error [mm]")
-        _plot_curves(panels[12], "viscous_damping", compute_dampings(), "speed [mm/s]", "force [N]")
-        for panel in (panels[0], panels[4]):
-            # Room for the legend above the curves.
-            low, high = panel.get_ylim()
-            panel.set_ylim(low, high + 0.45 * (high - low))
-        panels[5].set_xscale("log")
-        panels[7].set_xscale("log")
-        add_panel_letters(panels)
+        axes = figure.subplots((len(panels) + 1) // 2, 2).ravel().tolist()
+        for unused in axes[len(panels) :]:
+            unused.remove()
+        for ax, panel in zip(axes, panels, strict=False):
+            _draw_panel(ax, panel)
+        add_panel_letters(axes[: len(panels)])
     return figure
 
 
-def _plot_curves(panel: Axes, title: str, curves: Curves, abscissa: str, ordinate: str) -> None:
-    for style, (label, (x, y)) in zip(LINES, curves.items(), strict=False):
-        panel.plot(x, y, label=label, lw=1.2, **style)
-    panel.set(xlabel=abscissa, ylabel=ordinate, title=title)
-    panel.legend(loc="best" if len(curves) < 4 else "upper left")
+def _list_panels() -> list[_Panel]:
+    contraction, force, speed = "contraction [%]", "force [N]", "speed [mm/s]"
+    return [
+        _Panel("force_drift", compute_drifts(), "time [min]", "zero [N]", headroom=0.45),
+        _Panel("bladder_elasticity", compute_rubbers(), contraction, force),
+        _Panel("braid_locking", compute_lockings(), contraction, force),
+        _Panel("braid_locking", compute_contacts(), contraction, force),
+        _Panel("braid_friction", compute_loops(), contraction, force, headroom=0.45),
+        _Panel("braid_friction", compute_strengths(), speed, "strength [1]", is_log=True),
+        _Panel("mullins_softening", compute_softenings(), contraction, force),
+        _Panel("viscoelastic_creep", compute_relaxations(), "time [s]", "stress [1]", is_log=True),
+        _Panel("pressure_drop", compute_pressure_drops(), "flow [ml/s]", "drop [kPa]"),
+        _Panel("end_taper", compute_end_losses(), contraction, force),
+        _Panel("thread_slip", compute_beddings(), "largest load [N]", "elongation [%]"),
+        _Panel("diameter_offset", compute_coats(), contraction, "diameter error [mm]"),
+        _Panel("viscous_damping", compute_dampings(), speed, force),
+    ]
+
+
+def _draw_panel(ax: Axes, panel: _Panel) -> None:
+    for style, (label, (x, y)) in zip(LINES, panel.curves.items(), strict=False):
+        ax.plot(x, y, label=label, lw=1.2, **style)
+    ax.set(xlabel=panel.abscissa, ylabel=panel.ordinate, title=panel.mechanism_id)
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high + panel.headroom * (high - low))
+    if panel.is_log:
+        ax.set_xscale("log")
+    ax.legend(loc="best" if len(panel.curves) < 4 else "upper left")
 
 
 def compute_drifts() -> Curves:
