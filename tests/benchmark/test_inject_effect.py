@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pamjax.benchmark import inject_effect
 from pamjax.benchmark.inject_effect import inject_effects, remove_amplitudes
 from pamjax.benchmark.setups import build_reference_setup
 from pamjax.diagnosis.library.library_problem import build_library_problem
@@ -66,3 +67,23 @@ def test_concealed_thread_stretch_agrees_with_muscle_toml():
     assert small.effect_ids == ("braid_elasticity",)
     assert abs(small.true_values["braid_elasticity.compliance"] - problem.start[k]) <= 2 * problem.prior_sd[k]
     assert too_large.effect_ids == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("injected", ["braid_friction", None])
+def test_further_forms_of_a_mechanism_change_no_draw_of_others(injected, monkeypatch):
+    def simulate():
+        drawn = inject_effects(1, np.random.default_rng(8), only=injected)
+        return drawn.effect_ids, drawn.case.recording.force
+
+    ids, force = simulate()
+    plain_candidates = inject_effect.build_candidates
+
+    def build_with_copies(problem):
+        candidates = plain_candidates(problem)
+        return candidates + 5 * [c for c in candidates if c.id not in ids]
+
+    monkeypatch.setattr(inject_effect, "build_candidates", build_with_copies)
+    changed_ids, changed_force = simulate()
+    assert changed_ids == ids
+    assert np.array_equal(changed_force, force)
