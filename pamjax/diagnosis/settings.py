@@ -240,12 +240,6 @@ class DiagnosisSettings:
     established_probability: float = _select(0.5, "1", 0.0, 1.0,
         "Name a mechanism if its probability is at least this",
         "fewer mechanisms are reported")
-    restart_pair_count: int = _select(3, "count", 0, 100,
-        "Restart a search with a large residual from this many pairs",
-        "slower; fewer mechanisms are missed")
-    second_candidate_count: int = _select(3, "count", 1, 100,
-        "Test this many second mechanisms with each first one",
-        "slower; fewer mechanisms are missed")
     pairs_refitted: int = _select(3, "count", 1, 100,
         "Refit this many pairs for each replacement",
         "slower; fewer mechanisms are missed")

@@ -38,7 +38,7 @@ from pamjax.diagnosis.refit.model_fit import (
     switch_on_candidate,
 )
 from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanisms
-from pamjax.diagnosis.select.search import MechanismSearch, prune_mechanisms, run_search
+from pamjax.diagnosis.select.search import MechanismSearch, prune_mechanisms, search_mechanisms
 from pamjax.model.registry import EXCLUSIVE_PAIRS
 from pamjax.progress import ignore_progress
 
@@ -100,7 +100,7 @@ def _finish_search(search: MechanismSearch, rough_fit: ModelFit) -> ModelFit:
     start_fit = fit_model(
         search.problem, search.training_mask, rough_fit.mechanisms, rough_fit.estimate.values
     )
-    result = run_search(search, start_fit)
+    result = search_mechanisms(search, start_fit)
     if not search.leaves_only_noise(start_fit):
         return result
     complete = prune_mechanisms(search, start_fit, may_be_small=True)

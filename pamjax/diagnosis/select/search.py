@@ -11,16 +11,14 @@ sizeable      the misfit that it alone explains is not small relative to that of
 All three tests allow for the form errors of the mechanisms that are in the model already. At the end, each
 mechanism is tested again. It stays if it passes with the form errors of the others, or without them.
 
-The third test is omitted if small effects together leave only noise. A wrong first mechanism can mislead the
-search. If more than noise remains, the search restarts from the best pairs of mechanisms.
+The third test is omitted if small effects together leave only noise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from itertools import chain
 
 import numpy as np
 
@@ -43,7 +41,7 @@ from pamjax.diagnosis.select.neighbour_fits import (
     shortlist_candidates,
 )
 from pamjax.diagnosis.settings import DiagnosisSettings
-from pamjax.progress import Progress, ignore_progress
+from pamjax.progress import Progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,53 +157,16 @@ class MechanismSearch:
         )
 
 
-def search_mechanisms(search: MechanismSearch, directions: Sequence[ScoreDirection]) -> ModelFit:
-    """Return the baseline with the mechanisms that explain its misfit.
+def search_mechanisms(
+    search: MechanismSearch, start: ModelFit, directions: Sequence[ScoreDirection] | None = None
+) -> ModelFit:
+    """Return a model with the mechanisms that explain its misfit.
 
     Args:
         search: inputs of the search.
-        directions: score directions of all candidates at the baseline.
+        start: the model, usually the baseline.
+        directions: score directions of all candidates at this model; computed if omitted.
     """
-    fit = run_search(search, search.baseline, directions)
-    if not _may_restart(search, fit) or search.settings.max_mechanisms < 2:
-        return fit
-    starts = _find_restart_pairs(search, fit, directions)
-    again = replace(search, progress=ignore_progress)
-    for k, start in enumerate(starts):
-        search.progress("selecting mechanisms again", 0.5 + 0.2 * k / len(starts))
-        other = run_search(again, again.refit(start))
-        if _explains_rest(search, other, fit):
-            fit = other
-        if not _may_restart(search, fit):
-            break
-    return fit
-
-
-def _may_restart(search: MechanismSearch, fit: ModelFit) -> bool:
-    """Return whether a model leaves so much misfit that its first mechanism may be wrong."""
-    # Without stated noise, enough mechanisms can explain any residual.
-    if fit.mechanisms and all(channel is None or channel.is_stated for channel in fit.noise.by_channel):
-        return not search.leaves_only_noise(fit)
-    return search.leaves_large_residual(fit)
-
-
-def _explains_rest(search: MechanismSearch, fit: ModelFit, other: ModelFit) -> bool:
-    """Return whether a model explains most of the excess misfit of another model, with a lower BIC.
-
-    Many pairs can absorb a part of unmodelled physics: a pair must explain as large a fraction as
-    mechanisms without an unexplained part. Both models have the form errors of their mechanisms.
-    """
-    fit, other = add_form_errors(search.problem, fit), add_form_errors(search.problem, other)
-    return (
-        fit.excess_chi2 < (1 - search.settings.min_explained_fraction) * other.excess_chi2
-        and fit.full_bic < other.full_bic
-    )
-
-
-def run_search(
-    search: MechanismSearch, start: ModelFit, directions: Sequence[ScoreDirection] | None = None
-) -> ModelFit:
-    """Return the result of a search from a starting model."""
     largest_fit, refused_fit = _add_candidates(search, start, directions)
     fit = prune_mechanisms(search, largest_fit)
     if not fit.mechanisms or fit.excess_chi2 < search.settings.min_effect_rms**2 * fit.noise.size:
@@ -261,18 +222,16 @@ def fit_best_candidate(
     )[0]
 
 
-def _list_promising(
-    search: MechanismSearch, directions: Sequence[ScoreDirection], count: int | None = None
-) -> list[ScoreDirection]:
-    candidate_count = len(search.candidates)
-    significance_level = search.settings.false_inclusion_probability
+def _list_promising(search: MechanismSearch, directions: Sequence[ScoreDirection]) -> list[ScoreDirection]:
+    """Return the best candidate of each promising mechanism, if its reduction of χ² is significant."""
     return [
         s
-        for s in shortlist_candidates(
-            directions, search.settings.shortlist_length if count is None else count
-        )
+        for s in shortlist_candidates(directions, search.settings.shortlist_length)
         if is_reduction_significant(
-            s.chi2_reduction, len(s.candidate.free_parameters), candidate_count, significance_level
+            s.chi2_reduction,
+            len(s.candidate.free_parameters),
+            len(search.candidates),
+            search.settings.false_inclusion_probability,
         )
     ]
 
@@ -327,32 +286,3 @@ def _is_worthwhile_beside_form_errors(
     )
     extended_fit = build_corrected_fit(search.problem, fit.mechanisms, reduced_fit.noise, estimate)
     return search.is_worthwhile(reduced_fit, extended_fit, may_be_small, candidate)
-
-
-def _find_restart_pairs(
-    search: MechanismSearch, fit: ModelFit, directions: Sequence[ScoreDirection]
-) -> list[ModelFit]:
-    """Return roughly refitted pairs that fit better than all pairs within or around the present model."""
-    singles = parallel_map(
-        partial(fit_with_candidate, search.problem, search.baseline),
-        _list_promising(search, directions),
-    )
-
-    def extend_to_pairs(single: ModelFit) -> list[ModelFit]:
-        return [
-            fit_with_candidate(search.problem, single, s)
-            for s in _list_promising(
-                search, search.score_candidates(single), search.settings.second_candidate_count
-            )
-        ]
-
-    starts: list[ModelFit] = []
-    for pair in sorted(
-        chain.from_iterable(parallel_map(extend_to_pairs, singles)), key=lambda pair: pair.bic
-    ):
-        ids = set(pair.ids)
-        if fit.ids and (ids <= set(fit.ids) or ids >= set(fit.ids)):
-            break
-        if not any(ids == set(other.ids) for other in starts):
-            starts.append(pair)
-    return starts[: search.settings.restart_pair_count]

@@ -115,7 +115,7 @@ def select_mechanisms(
     candidates = build_candidates(problem)
     baseline_directions = compute_score_directions(problem, baseline.noise, baseline.estimate, candidates)
     search = MechanismSearch(problem, training_mask, baseline, candidates, progress)
-    found_fit = swap_pairs(search, search_mechanisms(search, baseline_directions))
+    found_fit = swap_pairs(search, search_mechanisms(search, baseline, baseline_directions))
     unmasked_fit = remove_redundant_mechanisms(search, merge_mechanisms(search, found_fit))
     fit_without_small_effects = add_masked_effects(search, unmasked_fit)
     masked_ids = frozenset(fit_without_small_effects.ids) - frozenset(unmasked_fit.ids)
