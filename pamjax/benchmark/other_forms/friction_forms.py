@@ -40,7 +40,7 @@ def keep_one_direction(state: np.ndarray, direction: int) -> np.ndarray:
 def raise_to_power(pressure: np.ndarray, reference: float, exponent: float) -> np.ndarray:
     """Return (P/Pr)^m, the dependence of friction on pressure, for P in Pa; zero without pressure.
 
-    Source: contacts whose number grows with load; the fit has m from 0.5 to 1.
+    Source: contacts whose number grows with load; the fit has m from 0.5 to 2.
     """
     return (np.maximum(pressure, 0.0) / reference) ** exponent
 
