@@ -120,20 +120,21 @@ def _build_thread_crimp(scales: RecordingScales) -> list[Candidate]:
 
 def _build_bladder_elasticity(scales: RecordingScales) -> list[Candidate]:
     name = "bladder_elasticity."
-    bores = (scales.plausible_bore, 1.1 * scales.plausible_bore)
+    # A stated bore wider than the braid is not possible: start from one that fits.
+    fits = scales.fitting_bore if 0.3 * scales.bore < scales.fitting_bore < scales.bore else scales.bore
     return [
         Candidate(
             "bladder_elasticity", (f"{name}modulus",), {f"{name}mooney": share, f"{name}inner_diameter": bore}
         )
         for share in (0.05, 0.6)
-        for bore in bores
+        for bore in (fits, 1.1 * fits)
     ] + [
         Candidate(
             "bladder_elasticity",
             (f"{name}modulus",),
             {f"{name}stiffening": 0.05, f"{name}inner_diameter": bore},
         )
-        for bore in bores
+        for bore in (fits, 1.1 * fits)
     ]
 
 
@@ -185,8 +186,6 @@ def _build_braid_friction(scales: RecordingScales) -> list[Candidate]:
 
 def _build_viscoelastic_creep(scales: RecordingScales) -> list[Candidate]:
     name = "viscoelastic_creep."
-    # The force relaxes whatever the bladder is, its stresses do not.
-    sizes = {"modulus": {f"{name}inner_diameter": scales.plausible_bore}, "force": {}}
     pairs = [
         (t, 20 * t) for t in (3 * scales.time_step, 12 * scales.time_step, 50 * scales.time_step) if t < 50
     ]
@@ -198,12 +197,11 @@ def _build_viscoelastic_creep(scales: RecordingScales) -> list[Candidate]:
                 f"{name}share": share,
                 f"{name}time_short": float(np.clip(short, 0.1, 50.0)),
                 f"{name}time_long": float(np.clip(long, 12.0, 9e3)),
-            }
-            | size,
+            },
         )
         for short, long in pairs
         for share in (0.1, 0.5, 0.9)
-        for amplitude, size in sizes.items()
+        for amplitude in ("modulus", "force")
     ] + [
         # Relaxation with the logarithm of time, over three decades.
         Candidate(
@@ -213,19 +211,16 @@ def _build_viscoelastic_creep(scales: RecordingScales) -> list[Candidate]:
                 f"{name}spectrum": 0.8,
                 f"{name}time_short": float(np.clip(3 * scales.time_step, 0.1, 50.0)),
                 f"{name}time_long": float(np.clip(3e3 * scales.time_step, 12.0, 9e3)),
-            }
-            | size,
+            },
         )
-        for amplitude, size in sizes.items()
+        for amplitude in ("modulus", "force")
     ]
 
 
 def _build_mullins_softening(scales: RecordingScales) -> list[Candidate]:
     name = "mullins_softening."
-    bore = {f"{name}inner_diameter": scales.plausible_bore}
     first_stretch = [
-        Candidate("mullins_softening", (f"{name}modulus",), {f"{name}width": width} | bore)
-        for width in (0.08, 0.3)
+        Candidate("mullins_softening", (f"{name}modulus",), {f"{name}width": width}) for width in (0.08, 0.3)
     ]
     if scales.is_isometric:
         # At a fixed length the wall accumulates no energy.
@@ -234,7 +229,7 @@ def _build_mullins_softening(scales: RecordingScales) -> list[Candidate]:
         Candidate(
             "mullins_softening",
             (f"{name}cyclic_modulus",),
-            {f"{name}cyclic_energy": share * scales.softening_energy} | bore,
+            {f"{name}cyclic_energy": share * scales.softening_energy},
         )
         for share in (0.1, 0.3, 0.8)
     ]

@@ -25,11 +25,6 @@ from pamjax.records.reading.quantity import MeasuredValue
 #: Compliance of the threads; zero for an inelastic braid.
 COMPLIANCE_PARAMETER = "braid_elasticity.compliance"
 
-#: Inner diameters of the bladder that candidates estimate.
-_FITTED_BORES = tuple(
-    f"{id}.inner_diameter" for id in ("bladder_elasticity", "mullins_softening", "viscoelastic_creep")
-)
-
 #: Longest warm-up of the load cell over the duration of the recording. A slower one is a straight line.
 _MAX_WARMUP_DURATIONS = 3
 
@@ -115,11 +110,10 @@ def _collect_priors(
     priors |= collect_mechanism_values(case.muscle_toml, mechanism_ids)
     if law == "inelastic":
         priors[COMPLIANCE_PARAMETER] = _estimate_compliance(case)
-    for name in _FITTED_BORES:
-        bore = priors[name]
-        if not bore.sd > 0:
-            priors[name] = MeasuredValue(bore.value, settings.fitted_size_sd_share * bore.value)
-    return priors
+    bore = priors["bladder_elasticity.inner_diameter"]
+    if not bore.sd > 0:
+        bore = MeasuredValue(bore.value, settings.fitted_size_sd_share * bore.value)
+    return priors | {"bladder_elasticity.inner_diameter": bore}
 
 
 def _estimate_compliance(case: Case) -> MeasuredValue:

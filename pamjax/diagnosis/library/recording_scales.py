@@ -60,12 +60,6 @@ class RecordingScales:
     speed: float
     settings: DiagnosisSettings
 
-    @property
-    def plausible_bore(self) -> float:
-        """Return the inner diameter of the bladder, m; one that fits if it is wider than the braid."""
-        is_too_wide = 0.3 * self.bore < self.fitting_bore < self.bore
-        return self.fitting_bore if is_too_wide else self.bore
-
     @classmethod
     def from_problem(cls, problem: LibraryProblem) -> RecordingScales:
         recording = problem.case.recording
