@@ -166,6 +166,21 @@ def _build_braid_friction(scales: RecordingScales) -> list[Candidate]:
             )
             for angle in (0.1, 0.9)
         ]
+    if scales.has_stretch and not scales.is_isometric:
+        # Pressure steps between strokes stretch the threads: friction on the bladder does not follow them.
+        out += [
+            Candidate(
+                "braid_friction",
+                amplitudes,
+                {
+                    "braid_friction.presliding": share * scales.stroke,
+                    "braid_friction.angle": 0.1,
+                    "braid_friction.stretch": 0.1,
+                    **usual,
+                },
+            )
+            for share in (0.004, 0.015)
+        ]
     if scales.is_isometric:
         # At a fixed length, pressure changes move the braid by a few per mille of its length.
         out += [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -39,7 +40,7 @@ class BraidFriction(AbstractMemory):
         y  <-  clip(y + du / x,       −(1 − a) g, (1 + a) g)        x = d [1 − w (3/4, 2/4, 1/4, 0)]
         z  <-  clip(z + Sr du / x,    −(1 − a) g S, (1 + a) g S)    g = 1 − c [1 − exp(−(v/vs)²)]
         S  =  (2/3) r L/N · P (P/Pr)^(m−1) (sin θ)^(p−1) (cos θ)^k,      Sr = (2/3) r B/N · Pr
-        du =  B d[(1 − h) sin θ + h θ − γ P / B],   sin θ = L / B;  du = dL for a stiff thread and h = 0
+        du =  B d[(1 − h) L / b + h θ − γ P / B],   sin θ = L / B,   b = B0 + e (B − B0)
         v  =  du/dt
 
         Fc  constant     N      Coulomb force that does not depend on pressure
@@ -49,6 +50,7 @@ class BraidFriction(AbstractMemory):
         k   girth        1      power of radius: 0 for crossings that rotate, 1 for the lateral area 2πRL
         d   presliding   m      distance after a reversal until the full force, at Pr = 300 kPa
         h   angle        1      sliding variable: 0 is the length, 1 is the braid angle
+        e   stretch      1      share of the thread's stretch that causes sliding: 1 for crossings that rotate
         w   spread       1      difference between the elements: 0 all slip together, 1 one after the other
         γ   give         m/Pa   displacement in the braid for a change of pressure alone
         s   start        1      deflection of the elements before the first sample, −1 to 1
@@ -166,9 +168,22 @@ class BraidFriction(AbstractMemory):
         default=0.0,
     )  # fmt: skip
 
+    stretch: Scalar = parameter(
+        "1", low=0.0, high=1.0, is_refinement=True, about="share of the thread's stretch that causes sliding",
+        source="1 for crossings that rotate; 0 for sliding on the bladder or on the fittings", default=1.0,
+    )  # fmt: skip
+
+    unloaded_thread: Scalar | None = None
+
+    def prepare(self, thread_length: Scalar, turns: Scalar) -> BraidFriction:
+        return eqx.tree_at(lambda m: m.unloaded_thread, self, thread_length, is_leaf=lambda x: x is None)
+
     def strains(self, state: State, pressure: Scalar) -> Float[Array, "1 ..."]:
         braid_angle = jnp.arctan2(state.length, 2 * jnp.pi * state.turns * state.radius)
-        sliding = (1 - self.angle) * state.length / state.thread + self.angle * braid_angle
+        thread = state.thread
+        if self.unloaded_thread is not None:
+            thread = self.unloaded_thread + self.stretch * (thread - self.unloaded_thread)
+        sliding = (1 - self.angle) * state.length / thread + self.angle * braid_angle
         return jnp.stack([sliding - self.give * pressure / state.thread])
 
     def strength(self, pressure: Array, state: State) -> Array:

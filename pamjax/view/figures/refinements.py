@@ -2,7 +2,7 @@
 
 drift      zero of the load cell over time
 locking    force of jammed threads against contraction: power of the overlap; start of contact, and stretch
-friction   loops of force against contraction; strength against speed
+friction   loops of force against contraction; strength against speed; loops of force against pressure
 damping    force of a damper against speed
 rubber     force of the bladder against contraction
 creep      relaxing stress against time
@@ -79,7 +79,7 @@ class _Panel(NamedTuple):
 
 
 def plot_refinements() -> Figure:
-    """Return the figure: a panel for each mechanism with a refinement; two for friction and for jamming."""
+    """Return the figure: a panel for each mechanism with a refinement; more for friction and jamming."""
     panels = _list_panels()
     with apply_theme():
         figure = create_figure(DOUBLE_COLUMN, 15.4)
@@ -101,6 +101,7 @@ def _list_panels() -> list[_Panel]:
         _Panel("braid_locking", compute_contacts(), contraction, force),
         _Panel("braid_friction", compute_loops(), contraction, force, headroom=0.45),
         _Panel("braid_friction", compute_strengths(), speed, "strength [1]", is_log=True),
+        _Panel("braid_friction", compute_pressure_loops(), "pressure [kPa]", force),
         _Panel("mullins_softening", compute_softenings(), contraction, force),
         _Panel("viscoelastic_creep", compute_relaxations(), "time [s]", "stress [1]", is_log=True),
         _Panel("pressure_drop", compute_pressure_drops(), "flow [ml/s]", "drop [kPa]"),
@@ -191,6 +192,23 @@ def compute_loops() -> Curves:
         stress = friction.stresses(build_time_history(time, time == 0), strains, past)[:, 0]
         later = slice(120, None)
         loops[name] = (100 * contraction[later], np.asarray(stress / DEMO_THREAD_LENGTH)[later])
+    return loops
+
+
+def compute_pressure_loops() -> Curves:
+    """Return friction at a fixed length while threads stretch with pressure, 1 % at 400 kPa, N, by form."""
+    pressure = 2e5 + 2e5 * np.abs((np.arange(241) / 60 + 1) % 2 - 1)
+    time, nothing = np.arange(pressure.size, dtype=float), jnp.zeros(pressure.size)
+    lengths = nothing + DEMO_REST_LENGTH, DEMO_THREAD_LENGTH * (1 + 0.01 * jnp.asarray(pressure) / 4e5)
+    past = Past(Cylinder()(*lengths, nothing + DEMO_TURNS), jnp.asarray(pressure), nothing, nothing)
+    unloaded = jnp.asarray(DEMO_THREAD_LENGTH), jnp.asarray(DEMO_TURNS)
+    loops: Curves = {}
+    for share in (1.0, 0.0):
+        friction = BraidFriction(0.3, presliding=5e-4, stretch=share).prepare(*unloaded)
+        strains = jax.vmap(lambda state, p, f=friction: f.strains(state, p))(past.state, past.pressure)
+        stress = friction.stresses(build_time_history(time, time == 0), strains, past)[:, 0]
+        later = slice(120, None)
+        loops[f"stretch {share:g}"] = (1e-3 * pressure[later], np.asarray(stress / past.state.thread)[later])
     return loops
 
 

@@ -73,6 +73,16 @@ def test_sliding_coordinate_is_the_sine_or_the_angle_less_the_elastic_part():
     agree(rubbing(5e5, give=2e-9), 0.8 - 2e-9 * 5e5 / THREAD, ROUNDING)
 
 
+def test_stretch_of_the_threads_changes_the_sliding_coordinate():
+    """Threads of 0.25 m, stretched to 0.26 m: they turn the crossings in full, by half, or not at all."""
+    stretched = state(0.2, 0.26)
+    for share, thread in ((1.0, 0.26), (0.5, 0.255), (0.0, 0.25)):
+        friction = BraidFriction(stretch=share).prepare(jnp.asarray(0.25), jnp.asarray(TURNS))
+        agree(friction.strains(stretched, 0.0)[0], 0.2 / thread, ROUNDING)
+    # Alone, a friction knows no unstretched length.
+    agree(BraidFriction(stretch=0.5).strains(stretched, 0.0)[0], 0.2 / 0.26, ROUNDING)
+
+
 # The friction elements. With h = 0, stress / B is a force, and the sliding coordinate is the length.
 
 

@@ -9,7 +9,7 @@ from pamjax.view.figures import refinements
 from tests.agreement import SOLVED, agree
 
 CURVES = (
-    *("drifts", "rubbers", "lockings", "contacts", "loops", "strengths"),
+    *("drifts", "rubbers", "lockings", "contacts", "loops", "strengths", "pressure_loops"),
     *("softenings", "relaxations", "pressure_drops", "end_losses", "beddings", "coats", "dampings"),
 )
 
@@ -88,6 +88,14 @@ def test_loops_are_shifted_by_asymmetry_and_narrowed_by_speed():
     assert np.max(shifted) > 1.2 * np.max(even)
     assert np.min(shifted) > 0.8 * np.min(even)
     assert np.median(np.abs(fast)) < 0.8 * np.median(np.abs(even))
+
+
+def test_stretch_alone_moves_friction_at_a_fixed_length():
+    sliding, still = (force for _, force in refinements.compute_pressure_loops().values())
+    # Shorter threads at falling pressure act as lengthening.
+    assert np.min(sliding) < -5
+    assert np.max(sliding) > 4
+    agree(still, 0.0, SOLVED, 1.0)
 
 
 def test_only_cyclic_softening_continues_after_the_first_cycle():
