@@ -6,7 +6,7 @@ that fits nearly as well reduces the probability.
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,7 +18,6 @@ from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import evaluate_estimate
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model, switch_off_candidate
-from pamjax.diagnosis.select.masked_effects import add_masked_effects
 from pamjax.diagnosis.select.merge_mechanisms import merge_mechanisms
 from pamjax.diagnosis.select.neighbour_fits import (
     compute_rough_limit,
@@ -82,7 +81,6 @@ class Selection:
         named_mechanisms: these mechanisms, most probable first.
         weighted_values: (p,) values of the fit with misfit weights, SI; None without such a fit.
         fit_without_small_effects: the fit without small effects; None if `model` has none.
-        masked_ids: ids of the mechanisms whose effect a form error of another one can explain.
     """
 
     baseline: ModelFit
@@ -90,7 +88,6 @@ class Selection:
     named_mechanisms: tuple[NamedMechanism, ...]
     weighted_values: np.ndarray | None = None
     fit_without_small_effects: ModelFit | None = None
-    masked_ids: frozenset[str] = frozenset()
 
     @property
     def start_values(self) -> np.ndarray:
@@ -116,20 +113,16 @@ def select_mechanisms(
     baseline_directions = compute_score_directions(problem, baseline.noise, baseline.estimate, candidates)
     search = MechanismSearch(problem, training_mask, baseline, candidates, progress)
     found_fit = swap_pairs(search, search_mechanisms(search, baseline, baseline_directions))
-    unmasked_fit = remove_redundant_mechanisms(search, merge_mechanisms(search, found_fit))
-    fit_without_small_effects = add_masked_effects(search, unmasked_fit)
-    masked_ids = frozenset(fit_without_small_effects.ids) - frozenset(unmasked_fit.ids)
+    fit_without_small_effects = remove_redundant_mechanisms(search, merge_mechanisms(search, found_fit))
     fit = (
         fit_without_small_effects
         if search.leaves_only_noise(fit_without_small_effects)
         else add_small_effects(problem, fit_without_small_effects, candidates, progress)
     )
     progress("comparing rivals", 0.75)
-    named_mechanisms = shrink_to_even_odds(
-        _assess_mechanisms(problem, fit, candidates), problem.settings, masked_ids
-    )
+    named_mechanisms = _assess_mechanisms(problem, fit, candidates)
     if fit is fit_without_small_effects:
-        return Selection(baseline, fit, named_mechanisms, masked_ids=masked_ids)
+        return Selection(baseline, fit, named_mechanisms)
     # The residual is tested with the noise of the recording, without misfit weights.
     weighted_values = fit.estimate.values
     return Selection(
@@ -138,7 +131,6 @@ def select_mechanisms(
         named_mechanisms,
         weighted_values,
         fit_without_small_effects,
-        masked_ids,
     )
 
 
@@ -146,14 +138,13 @@ def drop_small_effects(problem: LibraryProblem, selection: Selection) -> Selecti
     """Return the selection without small effects."""
     fit = selection.fit_without_small_effects
     assert fit is not None
-    names = shrink_to_even_odds(_assess_mechanisms(problem, fit), problem.settings, selection.masked_ids)
-    return Selection(selection.baseline, fit, names, masked_ids=selection.masked_ids)
+    return Selection(selection.baseline, fit, _assess_mechanisms(problem, fit))
 
 
 def shrink_to_even_odds(
-    named_mechanisms: Sequence[NamedMechanism], settings: DiagnosisSettings, ids: Container[str]
+    named_mechanisms: Sequence[NamedMechanism], settings: DiagnosisSettings
 ) -> tuple[NamedMechanism, ...]:
-    """Return mechanisms; those with some ids have probabilities closer to `established_probability`.
+    """Return the mechanisms with probabilities closer to `established_probability`.
 
     The setting `doubtful_certainty_share` states how much of the distance remains.
     """
@@ -161,8 +152,6 @@ def shrink_to_even_odds(
     return _rank_mechanisms(
         [
             replace(mechanism, probability=limit + share * (mechanism.probability - limit))
-            if mechanism.id in ids
-            else mechanism
             for mechanism in named_mechanisms
         ]
     )
@@ -297,13 +286,3 @@ def compute_probability(rival_weight: float, tied_weight: float, unknown_weight:
     (0.889, 0.909)
     """
     return float(1 / ((1 + rival_weight) / (1 + tied_weight) + unknown_weight))
-
-
-def format_masked_mechanisms(selection: Selection, settings: DiagnosisSettings) -> list[str]:
-    """Return a note on each named mechanism that a form error can explain."""
-    return [
-        f"A form error of another mechanism can also explain the effect of `{mechanism.id}`:"
-        f" its certainty is multiplied by {settings.doubtful_certainty_share:.2g}."
-        for mechanism in selection.named_mechanisms
-        if mechanism.id in selection.masked_ids
-    ]
