@@ -1,8 +1,10 @@
-"""Choice between the forms of a mechanism, on simulated drifts of the load cell."""
+"""Choice between the forms of a mechanism, on simulated drifts of the load cell and on friction."""
 
 import numpy as np
 import pytest
 
+from pamjax.benchmark.inject_effect import inject_effects
+from pamjax.benchmark.setups import build_reference_setup
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.select.mechanism_forms import choose_forms
@@ -29,6 +31,31 @@ def fit_drift(drift):
     return search, refit_fully(search.problem, [rough_fit])[0]
 
 
+def fit_friction(stretch):
+    """Return a search in strokes with friction of a given `stretch`, and the fit of the textbook form."""
+    case = inject_effects(
+        1, np.random.default_rng(0), setup=build_reference_setup(), only="force_offset",
+        smallest=0.01, largest=0.01,
+    ).case  # fmt: skip
+    problem = build_library_problem(case)
+    start = build_search(problem).baseline.estimate.values
+    values = start.copy()
+    for name, value in {"coefficient": 3.0, "presliding": 5e-4, "stretch": stretch}.items():
+        values[problem.index(f"braid_friction.{name}")] = value
+    force, diameter = problem.predict(values) - problem.predict(start)
+    with_friction = replace_recording(
+        case, force=case.recording.force + force, diameter=case.recording.diameter + diameter
+    )
+    search = build_search(build_library_problem(with_friction))
+    textbook = [
+        d
+        for d in search.score_candidates(search.baseline)
+        if d.candidate.id == "braid_friction" and "braid_friction.stretch" not in d.candidate.shape
+    ]
+    trials = [fit_with_candidate(search.problem, search.baseline, d) for d in textbook]
+    return search, refit_fully(search.problem, trials)[0]
+
+
 def get_form(fit: ModelFit) -> set[str]:
     return set(fit.mechanisms[-1].free_parameters)
 
@@ -39,6 +66,18 @@ def test_another_form_of_the_same_mechanism_replaces_a_worse_one():
     assert chosen.ids == ("force_drift",)
     assert "force_drift.warmup" in get_form(chosen)
     assert chosen.bic < straight.bic - 1000
+
+
+@pytest.mark.parametrize("stretch", [0.0, 1.0])
+def test_share_of_the_stretch_that_causes_sliding_is_found(stretch):
+    """Friction on the bladder follows the length alone, that of turning crossings the stretch too."""
+    search, textbook = fit_friction(stretch)
+    chosen = choose_forms(search.problem, textbook, search.candidates)
+    is_textbook = "braid_friction.stretch" not in get_form(chosen)
+    assert chosen.estimate.values[search.problem.index("braid_friction.stretch")] == pytest.approx(
+        stretch, abs=0.2
+    )
+    assert is_textbook or chosen.bic < textbook.bic - (100 if stretch == 0.0 else 0)
 
 
 def test_the_form_with_fewer_parameters_stays_if_it_fits_as_well():
