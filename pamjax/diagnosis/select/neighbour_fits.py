@@ -12,7 +12,7 @@ from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_dir
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.input_noise import compute_input_noise_chi2
-from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
 from pamjax.diagnosis.refit.memoise import memoise_per_fit
 from pamjax.diagnosis.refit.model_fit import (
     ModelFit,
@@ -21,6 +21,7 @@ from pamjax.diagnosis.refit.model_fit import (
     switch_off_candidate,
     switch_on_candidate,
 )
+from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.model.registry import EXCLUSIVE_PAIRS
 
 
@@ -72,10 +73,15 @@ def fit_with_candidate(problem: LibraryProblem, fit: ModelFit, direction: ScoreD
             )
         )
     estimate = min(estimates, key=lambda estimate: estimate.chi2_with_priors)
-    # A rough refit includes the χ² due to input noise, but no correction of its bias.
-    return ModelFit(
-        mechanisms, fit.noise, estimate, compute_input_noise_chi2(problem, fit.noise.whiten, estimate.values)
-    )
+    return build_rough_fit(problem, mechanisms, fit.noise, estimate)
+
+
+def build_rough_fit(
+    problem: LibraryProblem, mechanisms: tuple[Candidate, ...], noise: NoiseModel, estimate: MapEstimate
+) -> ModelFit:
+    """Return a rough fit: with the expected χ² due to input noise, but no correction of its bias."""
+    chi2 = compute_input_noise_chi2(problem, noise.whiten, estimate.values)
+    return ModelFit(mechanisms, noise, estimate, chi2)
 
 
 def _is_far_from_priors(problem: LibraryProblem, fit: ModelFit) -> bool:

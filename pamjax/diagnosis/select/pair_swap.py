@@ -32,12 +32,11 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.refit.model_fit import (
     ModelFit,
-    build_corrected_fit,
     fit_model,
     get_free_indices,
     switch_on_candidate,
 )
-from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanisms
+from pamjax.diagnosis.select.neighbour_fits import build_rough_fit, fit_without_mechanisms
 from pamjax.diagnosis.select.search import MechanismSearch, prune_mechanisms, search_mechanisms
 from pamjax.model.registry import EXCLUSIVE_PAIRS
 from pamjax.progress import ignore_progress
@@ -194,15 +193,7 @@ def _fit_with_pair(
     mechanisms, values = (*fit.mechanisms, *(s.candidate for s, _ in pair)), fit.estimate.values
     for direction, amplitudes in pair:
         values = switch_on_candidate(problem, values, direction.candidate, amplitudes)
-    return build_corrected_fit(
-        problem,
-        mechanisms,
-        fit.noise,
-        fit_parameters(
-            problem,
-            fit.noise,
-            get_free_indices(problem, mechanisms),
-            values,
-            2 * problem.settings.rough_evaluations,
-        ),
-    )
+    free = get_free_indices(problem, mechanisms)
+    evaluations = 2 * problem.settings.rough_evaluations
+    estimate = fit_parameters(problem, fit.noise, free, values, evaluations, is_rough=True)
+    return build_rough_fit(problem, mechanisms, fit.noise, estimate)
