@@ -166,37 +166,23 @@ def _build_braid_friction(scales: RecordingScales) -> list[Candidate]:
             )
             for angle in (0.1, 0.9)
         ]
-    if scales.has_stretch and not scales.is_isometric:
-        # Pressure steps between strokes stretch the threads: friction on the bladder does not follow them.
-        out += [
-            Candidate(
-                "braid_friction",
-                amplitudes,
-                {
-                    "braid_friction.presliding": share * scales.stroke,
-                    "braid_friction.angle": 0.1,
-                    "braid_friction.stretch": 0.1,
-                    **usual,
-                },
-            )
-            for share in (0.004, 0.015)
-        ]
+    return out + [
+        Candidate("braid_friction", amplitudes, {"braid_friction.presliding": distance, **moves, **usual})
+        for distance, moves in _list_pressure_moves(scales)
+    ]
+
+
+def _list_pressure_moves(scales: RecordingScales) -> list[tuple[float, dict[str, float]]]:
+    """Return presliding distances, m, and parameters of friction that pressure changes alone can cause.
+
+    They stretch the threads, by a few per mille of their length. Friction on the bladder follows this
+    stretch in part, or not at all.
+    """
+    give = min(2e-3 * scales.rest_length / scales.pressure, 1.5e-8)
     if scales.is_isometric:
-        # At a fixed length, pressure changes move the braid by a few per mille of its length.
-        out += [
-            Candidate(
-                "braid_friction",
-                amplitudes,
-                {
-                    "braid_friction.presliding": share * give * scales.pressure,
-                    "braid_friction.give": give,
-                    **usual,
-                },
-            )
-            for share in (0.05, 0.3)
-            for give in (min(2e-3 * scales.rest_length / scales.pressure, 1.5e-8),)
-        ]
-    return out
+        return [(share * give * scales.pressure, {"braid_friction.give": give}) for share in (0.05, 0.3)]
+    moves = {"braid_friction.stretch": 0.1} if scales.has_stretch else {"braid_friction.give": give}
+    return [(share * scales.stroke, {"braid_friction.angle": 0.1, **moves}) for share in (0.004, 0.015)]
 
 
 def _build_viscoelastic_creep(scales: RecordingScales) -> list[Candidate]:
