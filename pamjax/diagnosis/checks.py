@@ -186,7 +186,9 @@ def _doubt_failed_prediction(
 
 def _reduce_certainty(problem: LibraryProblem, checked_selection: CheckedSelection) -> CheckedSelection:
     """Return the selection with less certain mechanisms and an unexplained part."""
-    mechanisms = shrink_to_even_odds(checked_selection.selection.named_mechanisms, problem.settings)
+    mechanisms = checked_selection.selection.named_mechanisms
+    ids = {mechanism.id for mechanism in mechanisms}
+    mechanisms = shrink_to_even_odds(mechanisms, problem.settings, ids)
     selection = replace(checked_selection.selection, named_mechanisms=mechanisms)
     return replace(checked_selection, selection=selection, unexplained=True)
 

@@ -47,6 +47,7 @@ from pamjax.diagnosis.search_rows import DiagnosedRows
 from pamjax.diagnosis.select.model_averaging import average_models
 from pamjax.diagnosis.select.selection import (
     Selection,
+    format_masked_mechanisms,
     select_mechanisms,
 )
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
@@ -115,7 +116,7 @@ def diagnose(
 
 
 def _diagnose_rows(rows: DiagnosedRows, seed: int, progress: Progress) -> Diagnosis:
-    search_problem = rows.search_problem
+    search_problem, settings = rows.search_problem, rows.problem.settings
     training = fit_baseline(rows, seed)
     selection = (
         select_mechanisms(search_problem, training.mask, training.baseline, progress)
@@ -134,6 +135,7 @@ def _diagnose_rows(rows: DiagnosedRows, seed: int, progress: Progress) -> Diagno
         *confirmed_selection.replacement_notes,
         *format_dropped_mechanisms(checked_selection.selection, cross_validated_selection.selection),
         *format_harmful_mechanisms(cross_validated_selection.selection, confirmed_selection.selection),
+        *format_masked_mechanisms(confirmed_selection.selection, settings),
     ]
     progress("proposing experiments", 0.9)
     experiments = propose_experiments(rows.problem, final_fit.model, final_fit.selection.named_mechanisms)

@@ -262,7 +262,7 @@ class DiagnosisSettings:
         "Add small effects only if each explains more than this share of the misfit",
         "fewer small effects are identified")
     false_addition_probability: float = _select(0.01, "1", 1e-300, 1.0,
-        "Limit the probability that misfit adds a small effect, over all candidates, to this",
+        "Limit the probability that misfit adds a small or masked effect, over the candidates, to this",
         "weaker small effects are identified, and more false ones")
     min_prior_p_value: float = _select(0.01, "1", 0.0, 1.0,
         "Drop small effects if the p-value of the baseline parameters under their priors is below this",
@@ -297,8 +297,8 @@ class DiagnosisSettings:
         "Test a parameter on a block if the other blocks have more than this share of its information",
         "more blocks are skipped")
     doubtful_certainty_share: float = _crossval(0.5, "share of the certainty", 0.0, 1.0,
-        "Reduce the certainty of all mechanisms to this share if misfit is unexplained",
-        "higher probabilities beside an unexplained part")
+        "Reduce the certainty of masked effects, or of all if misfit is unexplained, to this share",
+        "higher probabilities in these cases")
     max_held_out_error_ratio: float = _crossval(3.0, "expected rms error", 1.0, 1e6,
         "Report an unexplained part if the error on held-out blocks is larger than this",
         "fewer reports of unexplained misfit")

@@ -39,6 +39,7 @@ STEPS = {
     "pairs": "swap_pairs",
     "one in place of two": "merge_mechanisms",
     "remove redundant": "remove_redundant_mechanisms",
+    "masked effects": "add_masked_effects",
     "small effects": "add_small_effects",
 }
 

@@ -190,8 +190,10 @@ def is_pair_worthwhile(settings):
 
 
 def reduce_probability(settings):
-    (name,) = shrink_to_even_odds([NamedMechanism("end_taper", 0.9, (), 1.0)], settings)
-    return round(name.probability, 3)
+    names = NamedMechanism("end_taper", 0.9, (), 1.0), NamedMechanism("end_cones", 0.9, (), 1.0)
+    probabilities = {m.id: m.probability for m in shrink_to_even_odds(names, settings, {"end_taper"})}
+    assert probabilities["end_cones"] == 0.9
+    return round(probabilities["end_taper"], 3)
 
 
 def count_held_out(settings):

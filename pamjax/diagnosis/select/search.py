@@ -138,12 +138,16 @@ class MechanismSearch:
             and fit.full_bic < other.full_bic
         )
 
-    def leaves_only_noise(self, fit: ModelFit) -> bool:
-        """Return whether the excess χ² beyond form errors is that of noise, or too small for an effect."""
+    def is_excess_noise(self, fit: ModelFit) -> bool:
+        """Return whether the excess χ² of a fit is that of noise, or too small for an effect."""
         n = fit.noise.size
-        return add_form_errors(self.problem, fit).excess_chi2 < max(
+        return fit.excess_chi2 < max(
             self.settings.min_effect_rms**2 * n, self.settings.max_noise_chi2_sd * np.sqrt(2 * n)
         )
+
+    def leaves_only_noise(self, fit: ModelFit) -> bool:
+        """Return whether the excess χ² beyond form errors is that of noise, or too small for an effect."""
+        return self.is_excess_noise(add_form_errors(self.problem, fit))
 
     def leaves_large_residual(self, fit: ModelFit) -> bool:
         """Return whether the residual beyond form errors is large, compared with noise and baseline."""
@@ -195,7 +199,7 @@ def _add_candidates(
     while len(fit.mechanisms) < search.settings.max_mechanisms:
         search.progress("selecting mechanisms", 0.1 + 0.1 * len(fit.mechanisms))
         form_error_fit = add_form_errors(search.problem, fit)
-        best = best or _fit_best_candidate(search, form_error_fit, directions)
+        best = best or fit_best_candidate(search, form_error_fit, directions)
         if best is None or not search.is_worthwhile(form_error_fit, best, may_be_small):
             return fit, best
         added = search.refit(best)
@@ -205,7 +209,7 @@ def _add_candidates(
     return fit, None
 
 
-def _fit_best_candidate(
+def fit_best_candidate(
     search: MechanismSearch, fit: ModelFit, directions: Sequence[ScoreDirection] | None = None
 ) -> ModelFit | None:
     """Return the model with the best further candidate, with the same noise; None if none is promising."""

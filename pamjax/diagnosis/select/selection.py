@@ -6,7 +6,7 @@ that fits nearly as well reduces the probability.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import evaluate_estimate
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model, switch_off_candidate
+from pamjax.diagnosis.select.masked_effects import add_masked_effects
 from pamjax.diagnosis.select.merge_mechanisms import merge_mechanisms
 from pamjax.diagnosis.select.neighbour_fits import (
     compute_rough_limit,
@@ -81,6 +82,7 @@ class Selection:
         named_mechanisms: these mechanisms, most probable first.
         weighted_values: (p,) values of the fit with misfit weights, SI; None without such a fit.
         fit_without_small_effects: the fit without small effects; None if `model` has none.
+        masked_ids: ids of the mechanisms whose effect a form error of another one can explain.
     """
 
     baseline: ModelFit
@@ -88,6 +90,7 @@ class Selection:
     named_mechanisms: tuple[NamedMechanism, ...]
     weighted_values: np.ndarray | None = None
     fit_without_small_effects: ModelFit | None = None
+    masked_ids: frozenset[str] = frozenset()
 
     @property
     def start_values(self) -> np.ndarray:
@@ -113,16 +116,20 @@ def select_mechanisms(
     baseline_directions = compute_score_directions(problem, baseline.noise, baseline.estimate, candidates)
     search = MechanismSearch(problem, training_mask, baseline, candidates, progress)
     found_fit = swap_pairs(search, search_mechanisms(search, baseline, baseline_directions))
-    fit_without_small_effects = remove_redundant_mechanisms(search, merge_mechanisms(search, found_fit))
+    unmasked_fit = remove_redundant_mechanisms(search, merge_mechanisms(search, found_fit))
+    fit_without_small_effects = add_masked_effects(search, unmasked_fit)
+    masked_ids = frozenset(fit_without_small_effects.ids) - frozenset(unmasked_fit.ids)
     fit = (
         fit_without_small_effects
         if search.leaves_only_noise(fit_without_small_effects)
         else add_small_effects(problem, fit_without_small_effects, candidates, progress)
     )
     progress("comparing rivals", 0.75)
-    named_mechanisms = _assess_mechanisms(problem, fit, candidates)
+    named_mechanisms = shrink_to_even_odds(
+        _assess_mechanisms(problem, fit, candidates), problem.settings, masked_ids
+    )
     if fit is fit_without_small_effects:
-        return Selection(baseline, fit, named_mechanisms)
+        return Selection(baseline, fit, named_mechanisms, masked_ids=masked_ids)
     # The residual is tested with the noise of the recording, without misfit weights.
     weighted_values = fit.estimate.values
     return Selection(
@@ -131,6 +138,7 @@ def select_mechanisms(
         named_mechanisms,
         weighted_values,
         fit_without_small_effects,
+        masked_ids,
     )
 
 
@@ -138,13 +146,14 @@ def drop_small_effects(problem: LibraryProblem, selection: Selection) -> Selecti
     """Return the selection without small effects."""
     fit = selection.fit_without_small_effects
     assert fit is not None
-    return Selection(selection.baseline, fit, _assess_mechanisms(problem, fit))
+    names = shrink_to_even_odds(_assess_mechanisms(problem, fit), problem.settings, selection.masked_ids)
+    return Selection(selection.baseline, fit, names, masked_ids=selection.masked_ids)
 
 
 def shrink_to_even_odds(
-    named_mechanisms: Sequence[NamedMechanism], settings: DiagnosisSettings
+    named_mechanisms: Sequence[NamedMechanism], settings: DiagnosisSettings, ids: Container[str]
 ) -> tuple[NamedMechanism, ...]:
-    """Return the mechanisms with probabilities closer to `established_probability`.
+    """Return mechanisms; those with some ids have probabilities closer to `established_probability`.
 
     The setting `doubtful_certainty_share` states how much of the distance remains.
     """
@@ -152,6 +161,8 @@ def shrink_to_even_odds(
     return _rank_mechanisms(
         [
             replace(mechanism, probability=limit + share * (mechanism.probability - limit))
+            if mechanism.id in ids
+            else mechanism
             for mechanism in named_mechanisms
         ]
     )
@@ -286,3 +297,13 @@ def compute_probability(rival_weight: float, tied_weight: float, unknown_weight:
     (0.889, 0.909)
     """
     return float(1 / ((1 + rival_weight) / (1 + tied_weight) + unknown_weight))
+
+
+def format_masked_mechanisms(selection: Selection, settings: DiagnosisSettings) -> list[str]:
+    """Return a note on each named mechanism that a form error can explain."""
+    return [
+        f"A form error of another mechanism can also explain the effect of `{mechanism.id}`:"
+        f" its certainty is multiplied by {settings.doubtful_certainty_share:.2g}."
+        for mechanism in selection.named_mechanisms
+        if mechanism.id in selection.masked_ids
+    ]
