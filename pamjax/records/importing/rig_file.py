@@ -145,11 +145,14 @@ class RigFile:
 def _suggest_format(cell: str) -> str:
     """Return the remedy for a cell that is no number."""
     match = _THOUSANDS_PATTERN.fullmatch(cell)
-    if match:
+    # No number with marks of thousands begins with zero.
+    has_thousands = match and not cell.lstrip("+-").startswith("0")
+    if _COMMA_PATTERN.fullmatch(cell):
+        thousands = ' If it separates thousands, write thousands = "," instead.' if has_thousands else ""
+        return f'If "," is the decimal mark, write decimal = "," in [files].{thousands}'
+    if match and has_thousands:
         decimal = f' and decimal = "{match[2]}"' if match[2] else ""
         return f'If "{match[1]}" separates thousands, write thousands = "{match[1]}"{decimal} in [files].'
-    if _COMMA_PATTERN.fullmatch(cell):
-        return 'If "," is the decimal mark, write decimal = "," in [files].'
     return "Check `skip`, `header` and `decimal` in [files]."
 
 

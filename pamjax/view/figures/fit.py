@@ -176,9 +176,8 @@ def _format_misfit_title(case_fit: CaseFit, channel: str) -> str:
         share = 100 * case_fit.rmse[channel] / largest
         return f"RMS error of {channel}: {rmse_text}\n({share:.2g} % of the largest value)"
     if exceeds_noise(noise):
-        ratio_text = (
-            f"{noise.rms_over_noise:.0f}" if noise.rms_over_noise >= 10 else f"{noise.rms_over_noise:.2g}"
-        )
+        ratio = case_fit.rmse[channel] / noise.sd
+        ratio_text = f"{ratio:.0f}" if ratio >= 10 else f"{ratio:.2g}"
         return f"RMS error of {channel}: {rmse_text}\n({ratio_text} times the noise)"
     return f"RMS error of {channel}: {rmse_text}\n(noise {format_channel_value(noise.sd, channel)})"
 

@@ -193,7 +193,8 @@ def _describe_starts(fit: Fit) -> tuple[str, ...]:
     """Return a warning if no second start found the result."""
     if fit.agreeing_starts > 1 or fit.starts == 1:
         return ()
-    return (f"Only one of {fit.starts} starts found this result: repeat the fit with more starts.",)
+    command = f"`--starts {3 * fit.starts}`"
+    return (f"Only one of {fit.starts} starts found this result: repeat the fit with {command}.",)
 
 
 def format_agreement(fit: Fit) -> str:

@@ -139,6 +139,16 @@ def test_mark_of_thousands_names_the_true_cell_and_the_option(read_error):
     ) in read_error(files, table=table)
 
 
+@pytest.mark.parametrize(
+    ("cell", "has_thousands"), [("0,001", False), ("-0,250", False), ("12,5", False), ("1,250", True)]
+)
+def test_comma_is_a_decimal_mark_first(cell, has_thousands, read_error):
+    table = f"P [kPa];Load [N]\n100;30\n200;65\n300;{cell}\n"
+    message = read_error(("[[tests]]", 'files = {separator = ";"}\n[[tests]]'), table=table)
+    assert 'If "," is the decimal mark, write decimal = "," in [files].' in message
+    assert ("thousands" in message) == has_thousands
+
+
 def test_mark_of_thousands_is_read(tmp_path):
     (tmp_path / "muscle.toml").write_text(MUSCLE)
     (tmp_path / "run.csv").write_text("P [kPa];Load [N]\n100;30,5\n200;65\n2.300;1.130,25\n")

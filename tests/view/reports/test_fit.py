@@ -97,5 +97,5 @@ def test_caption_has_the_marks_of_the_figure():
 def test_a_result_of_a_single_start_is_on_the_first_screen(starts, agreeing, is_warned):
     result = fit(lengths())
     result.starts, result.agreeing_starts = starts, agreeing
-    warning = f"Only one of {starts} starts found this result: repeat the fit with more starts."
+    warning = f"Only one of {starts} starts found this result: repeat the fit with `--starts {3 * starts}`."
     assert _describe_starts(result) == ((warning,) if is_warned else ())
