@@ -20,6 +20,10 @@ from pamjax.records.long_recording import advise_reduction
 from pamjax.records.reading.muscle_toml import describe_unused_bladder
 from pamjax.units import compute_si_factor, format_count, format_quantity
 
+_TIME_NOTE = (
+    "Without the column `time`, a diagnosis cannot test friction, damping, relaxation, delays and drift."
+)
+
 
 @dataclass(frozen=True, repr=False)
 class CaseSummary(NotebookText):
@@ -45,6 +49,8 @@ class CaseSummary(NotebookText):
         lines += [f"  {self._format_parameter(d, max(width, 22))}" for d in self.parameters]
         notes = describe_unused_bladder(self.case.muscle_toml, self.mechanisms)
         notes += advise_reduction(self.case.recording)
+        if not self.case.recording.has_time:
+            notes.append(_TIME_NOTE)
         return "\n".join([*lines, "", *self.sentences, *notes, "The case can be fitted."])
 
     def as_dict(self) -> dict[str, Any]:

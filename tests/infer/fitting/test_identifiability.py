@@ -1,6 +1,7 @@
 """Identifiability of the parameters of a recording, and its text."""
 
 import re
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -138,3 +139,13 @@ def test_summary_counts_rows_and_parameters():
     assert document["numbers"]["thread.modulus"]["unit"] == "GPa"
     assert document["numbers"]["thread.modulus"]["sd_before"] == pytest.approx(8.0)
     assert document["blocks"]["names"][0] == "isobar 100 kPa"
+
+
+@pytest.mark.parametrize("has_time", [True, False])
+def test_summary_of_a_static_table_names_what_it_cannot_test(has_time):
+    case = made()
+    assert case.recording.has_time
+    if not has_time:
+        case = replace(case, recording=replace(case.recording, time=None))
+    note = "Without the column `time`, a diagnosis cannot test friction"
+    assert (note in str(CaseSummary(case, *check_identifiability(case)))) != has_time
