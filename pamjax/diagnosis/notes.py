@@ -12,6 +12,7 @@ import numpy as np
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
 from pamjax.diagnosis.refit.model_fit import ModelFit
+from pamjax.infer.fitting.case_summary import EFFECTS_OVER_TIME
 from pamjax.infer.fitting.determination import compute_prior_scale
 from pamjax.infer.fitting.identifiability import (
     find_undetermined_combinations,
@@ -107,8 +108,8 @@ def format_untestable_mechanisms(problem: LibraryProblem) -> list[str]:
     if problem.case.recording.has_time:
         return []
     return [
-        "Without a column `time` each row counts as an equilibrium: friction, damping, relaxation, lag and"
-        " drift were not tested. If the rows were recorded in sequence, add the column `time`."
+        f"Without a column `time` each row counts as an equilibrium: {EFFECTS_OVER_TIME} were not tested."
+        " If the rows were recorded in sequence, add the column `time`."
     ]
 
 

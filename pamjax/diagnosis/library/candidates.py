@@ -173,10 +173,10 @@ def _build_braid_friction(scales: RecordingScales) -> list[Candidate]:
 
 
 def _list_pressure_moves(scales: RecordingScales) -> list[tuple[float, dict[str, float]]]:
-    """Return presliding distances, m, and parameters of friction that pressure changes alone can cause.
+    """Return presliding distances, m, each with parameters that describe sliding at a change of pressure.
 
-    They stretch the threads, by a few per mille of their length. Friction on the bladder follows this
-    stretch in part, or not at all.
+    Pressure stretches the threads by a few per mille. Friction on the bladder follows this stretch in part,
+    or not at all.
     """
     give = min(2e-3 * scales.rest_length / scales.pressure, 1.5e-8)
     if scales.is_isometric:

@@ -20,9 +20,8 @@ from pamjax.records.long_recording import advise_reduction
 from pamjax.records.reading.muscle_toml import describe_unused_bladder
 from pamjax.units import compute_si_factor, format_count, format_quantity
 
-_TIME_NOTE = (
-    "Without the column `time`, a diagnosis cannot test friction, damping, relaxation, delays and drift."
-)
+#: Effects that depend on the order of the samples.
+EFFECTS_OVER_TIME = "friction, damping, relaxation, delays and drift"
 
 
 @dataclass(frozen=True, repr=False)
@@ -50,7 +49,7 @@ class CaseSummary(NotebookText):
         notes = describe_unused_bladder(self.case.muscle_toml, self.mechanisms)
         notes += advise_reduction(self.case.recording)
         if not self.case.recording.has_time:
-            notes.append(_TIME_NOTE)
+            notes.append(f"Without the column `time`, a diagnosis cannot test {EFFECTS_OVER_TIME}.")
         return "\n".join([*lines, "", *self.sentences, *notes, "The case can be fitted."])
 
     def as_dict(self) -> dict[str, Any]:

@@ -186,12 +186,7 @@ def compute_loops() -> Curves:
         time = pace * _LOOP_TIME_STEP * np.arange(length.size)
         nothing = jnp.zeros(length.size)
         past = Past(_build_state(length), nothing + _LOOP_PRESSURE, nothing, nothing)
-        strains = jax.vmap(lambda state, pressure, f=friction: f.strains(state, pressure))(
-            past.state, past.pressure
-        )
-        stress = friction.stresses(build_time_history(time, time == 0), strains, past)[:, 0]
-        later = slice(120, None)
-        loops[name] = (100 * contraction[later], np.asarray(stress / DEMO_THREAD_LENGTH)[later])
+        loops[name] = (100 * contraction[120:], _compute_friction(friction, past, time)[120:])
     return loops
 
 
@@ -205,11 +200,15 @@ def compute_pressure_loops() -> Curves:
     loops: Curves = {}
     for share in (1.0, 0.0):
         friction = BraidFriction(0.3, presliding=5e-4, stretch=share).prepare(*unloaded)
-        strains = jax.vmap(lambda state, p, f=friction: f.strains(state, p))(past.state, past.pressure)
-        stress = friction.stresses(build_time_history(time, time == 0), strains, past)[:, 0]
-        later = slice(120, None)
-        loops[f"stretch {share:g}"] = (1e-3 * pressure[later], np.asarray(stress / past.state.thread)[later])
+        loops[f"stretch {share:g}"] = (1e-3 * pressure[120:], _compute_friction(friction, past, time)[120:])
     return loops
+
+
+def _compute_friction(friction: BraidFriction, past: Past, time: np.ndarray) -> np.ndarray:
+    """Return the force of friction at some states and times, s, N."""
+    strains = jax.vmap(friction.strains)(past.state, past.pressure)
+    stress = friction.stresses(build_time_history(time, time == 0), strains, past)[:, 0]
+    return np.asarray(stress / past.state.thread)
 
 
 def compute_strengths() -> Curves:
