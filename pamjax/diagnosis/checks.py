@@ -104,6 +104,9 @@ def compare_with_templates(
 ) -> CheckedSelection:
     """Return the mechanisms that no template replaces; without small effects if a part is unexplained."""
     remaining, notes = replace_by_template(training.problem, training.mask, selection, build_templates_at)
+    if notes and not _get_ids(selection) - _get_ids(remaining) - selection.masked_ids:
+        # Without its masked effects, a model explains the same misfit by form errors. Test these instead.
+        return compare_with_templates(training, remaining, build_templates_at)
     checked_selection = _test_selection(training, remaining, notes)
     if not checked_selection.unexplained or remaining.fit_without_small_effects is None:
         return checked_selection
@@ -111,6 +114,10 @@ def compare_with_templates(
     return compare_with_templates(
         training, drop_small_effects(training.problem, remaining), build_templates_at
     )
+
+
+def _get_ids(selection: Selection) -> set[str]:
+    return {mechanism.id for mechanism in selection.named_mechanisms}
 
 
 def cross_validate_on_blocks(training: Training, checked_selection: CheckedSelection) -> CheckedSelection:
@@ -186,10 +193,9 @@ def _doubt_failed_prediction(
 
 def _reduce_certainty(problem: LibraryProblem, checked_selection: CheckedSelection) -> CheckedSelection:
     """Return the selection with less certain mechanisms and an unexplained part."""
-    mechanisms = checked_selection.selection.named_mechanisms
-    ids = {mechanism.id for mechanism in mechanisms}
-    mechanisms = shrink_to_even_odds(mechanisms, problem.settings, ids)
-    selection = replace(checked_selection.selection, named_mechanisms=mechanisms)
+    selection = checked_selection.selection
+    mechanisms = shrink_to_even_odds(selection.named_mechanisms, problem.settings, _get_ids(selection))
+    selection = replace(selection, named_mechanisms=mechanisms)
     return replace(checked_selection, selection=selection, unexplained=True)
 
 
