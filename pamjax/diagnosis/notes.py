@@ -22,8 +22,20 @@ from pamjax.infer.fitting.report import format_contradicted_value
 from pamjax.model.parameters import find_meaning
 from pamjax.text import join_words
 
-#: Difference of the damping between both directions.
-_DAMPING_ASYMMETRY = "viscous_damping.asymmetry"
+#: By parameter that states a difference between both directions: the sensor error that resembles it, and what
+#: tells them apart.
+_RESEMBLANCES = {
+    "viscous_damping.asymmetry": (
+        "force_offset",
+        "At a constant speed, an even damper with a zero error of the force (`force_offset`) predicts the"
+        " same. Check the zero of the load cell, or repeat a stroke at another speed.",
+    ),
+    "braid_friction.asymmetry": (
+        "length_offset",
+        "While the threads slide, even friction with an error of the length (`length_offset`) predicts nearly"
+        " the same. Check the length, or record the rows after a reversal at smaller steps.",
+    ),
+}
 
 
 def format_notes(problem: LibraryProblem, baseline: ModelFit, fit: ModelFit) -> list[str]:
@@ -36,7 +48,7 @@ def format_notes(problem: LibraryProblem, baseline: ModelFit, fit: ModelFit) -> 
     """
     return [
         *format_parameters_at_limit(problem, fit),
-        *format_damping_asymmetry(problem, fit),
+        *format_asymmetry(problem, fit),
         *format_untestable_mechanisms(problem),
         *format_unidentified_combinations(problem, baseline),
     ]
@@ -86,20 +98,17 @@ def _list_stated_at_limit(problem: LibraryProblem, fit: ModelFit) -> list[int]:
     return [k for k in at_limit if problem.is_baseline[k] and np.isfinite(problem.prior_sd[k])]
 
 
-def format_damping_asymmetry(problem: LibraryProblem, fit: ModelFit) -> list[str]:
-    """Return a note on a damper that depends on direction, if a zero error of the force resembles it.
+def format_asymmetry(problem: LibraryProblem, fit: ModelFit) -> list[str]:
+    """Return a note on each effect that depends on direction, if an error of a sensor resembles it.
 
     Args:
         problem: the recording and the library.
         fit: the refitted baseline with the identified mechanisms.
     """
-    k = problem.index(_DAMPING_ASYMMETRY)
-    if k not in fit.estimate.free or "force_offset" in fit.ids:
-        return []
     return [
-        f"`{_DAMPING_ASYMMETRY}` is {fit.estimate.values[k]:+.2f}. At a constant speed, an even damper with a"
-        " zero error of the force (`force_offset`) predicts the same. Check the zero of the load cell, or"
-        " repeat a stroke at another speed."
+        f"`{name}` is {fit.estimate.values[k]:+.2f}. {explanation}"
+        for name, (offset_id, explanation) in _RESEMBLANCES.items()
+        if (k := problem.index(name)) in fit.estimate.free and offset_id not in fit.ids
     ]
 
 

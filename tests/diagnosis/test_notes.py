@@ -9,7 +9,7 @@ from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.notes import (
     describe_values_at_limit,
-    format_damping_asymmetry,
+    format_asymmetry,
     format_parameters_at_limit,
     format_unidentified_combinations,
     format_untestable_mechanisms,
@@ -89,15 +89,21 @@ def test_mechanisms_that_a_table_cannot_test_are_reported():
     assert format_untestable_mechanisms(problem) == []
 
 
-def test_damper_that_a_force_offset_resembles_is_reported():
+@pytest.mark.parametrize(
+    ("name", "offset"),
+    [
+        ("viscous_damping.asymmetry", Candidate("force_offset", ("force_offset.offset",))),
+        ("braid_friction.asymmetry", Candidate("length_offset", ("length_offset.offset",))),
+    ],
+)
+def test_asymmetry_that_a_sensor_error_resembles_is_reported(name, offset):
     problem = build_plan_problem()
-    k = problem.index("viscous_damping.asymmetry")
+    k = problem.index(name)
     values = problem.neutral.copy()
     values[k] = 0.5
-    (note,) = format_damping_asymmetry(problem, build_fit(values, [k]))
-    assert note.startswith("`viscous_damping.asymmetry` is +0.50.")
-    assert "`force_offset`" in note
-    # An even damper has no such parameter, and beside a named offset nothing is in doubt.
-    offset = Candidate("force_offset", ("force_offset.offset",))
-    assert format_damping_asymmetry(problem, build_fit(values, get_free())) == []
-    assert format_damping_asymmetry(problem, build_fit(values, [k], mechanisms=(offset,))) == []
+    (note,) = format_asymmetry(problem, build_fit(values, [k]))
+    assert note.startswith(f"`{name}` is +0.50.")
+    assert f"`{offset.id}`" in note
+    # An even effect has no such parameter, and beside a named offset nothing is in doubt.
+    assert format_asymmetry(problem, build_fit(values, get_free())) == []
+    assert format_asymmetry(problem, build_fit(values, [k], mechanisms=(offset,))) == []

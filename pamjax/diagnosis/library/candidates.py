@@ -167,8 +167,11 @@ def _build_braid_friction(scales: RecordingScales) -> list[Candidate]:
             for angle in (0.1, 0.9)
         ]
     return out + [
-        Candidate("braid_friction", amplitudes, {"braid_friction.presliding": distance, **moves, **usual})
+        Candidate(
+            "braid_friction", amplitudes, {"braid_friction.presliding": distance, **moves, **usual, **side}
+        )
         for distance, moves in _list_pressure_moves(scales)
+        for side in ({}, {"braid_friction.asymmetry": 0.7}, {"braid_friction.asymmetry": -0.7})
     ]
 
 

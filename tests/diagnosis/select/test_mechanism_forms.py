@@ -16,6 +16,9 @@ pytestmark = pytest.mark.slow
 
 STRAIGHT = {"force_drift.rate"}
 
+#: Parameters of friction that are not in its textbook form.
+MOVES = {"braid_friction.stretch", "braid_friction.asymmetry"}
+
 
 def fit_drift(drift):
     """Return a search in a recording with a drift (N) over relative time, and the fit of a straight drift."""
@@ -31,8 +34,8 @@ def fit_drift(drift):
     return search, refit_fully(search.problem, [rough_fit])[0]
 
 
-def fit_friction(stretch):
-    """Return a search in strokes with friction of a given `stretch`, and the fit of the textbook form."""
+def fit_friction(**form):
+    """Return a search in strokes with friction of a given form, and the fit of the textbook form."""
     case = inject_effects(
         1, np.random.default_rng(0), setup=build_reference_setup(), only="force_offset",
         smallest=0.01, largest=0.01,
@@ -40,7 +43,7 @@ def fit_friction(stretch):
     problem = build_library_problem(case)
     start = build_search(problem).baseline.estimate.values
     values = start.copy()
-    for name, value in {"coefficient": 3.0, "presliding": 5e-4, "stretch": stretch}.items():
+    for name, value in ({"coefficient": 3.0, "presliding": 5e-4} | form).items():
         values[problem.index(f"braid_friction.{name}")] = value
     force, diameter = problem.predict(values) - problem.predict(start)
     with_friction = replace_recording(
@@ -50,7 +53,7 @@ def fit_friction(stretch):
     textbook = [
         d
         for d in search.score_candidates(search.baseline)
-        if d.candidate.id == "braid_friction" and "braid_friction.stretch" not in d.candidate.shape
+        if d.candidate.id == "braid_friction" and not MOVES & set(d.candidate.shape)
     ]
     trials = [fit_with_candidate(search.problem, search.baseline, d) for d in textbook]
     return search, refit_fully(search.problem, trials)[0]
@@ -71,13 +74,23 @@ def test_another_form_of_the_same_mechanism_replaces_a_worse_one():
 @pytest.mark.parametrize("stretch", [0.0, 1.0])
 def test_share_of_the_stretch_that_causes_sliding_is_found(stretch):
     """Friction on the bladder follows the length alone, that of turning crossings the stretch too."""
-    search, textbook = fit_friction(stretch)
+    search, textbook = fit_friction(stretch=stretch)
     chosen = choose_forms(search.problem, textbook, search.candidates)
-    is_textbook = "braid_friction.stretch" not in get_form(chosen)
+    is_textbook = not MOVES & get_form(chosen)
     assert chosen.estimate.values[search.problem.index("braid_friction.stretch")] == pytest.approx(
         stretch, abs=0.2
     )
     assert is_textbook or chosen.bic < textbook.bic - (100 if stretch == 0.0 else 0)
+
+
+@pytest.mark.parametrize("asymmetry", [0.8, -0.8])
+def test_friction_in_one_direction_is_found(asymmetry):
+    search, textbook = fit_friction(asymmetry=asymmetry)
+    chosen = choose_forms(search.problem, textbook, search.candidates)
+    assert chosen.estimate.values[search.problem.index("braid_friction.asymmetry")] == pytest.approx(
+        asymmetry, abs=0.15
+    )
+    assert chosen.bic < textbook.bic - 100
 
 
 def test_the_form_with_fewer_parameters_stays_if_it_fits_as_well():
