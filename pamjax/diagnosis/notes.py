@@ -105,12 +105,20 @@ def format_damping_asymmetry(problem: LibraryProblem, fit: ModelFit) -> list[str
 
 def format_untestable_mechanisms(problem: LibraryProblem) -> list[str]:
     """Return a note on the mechanisms that were not tested, if the recording is a static table."""
-    if problem.case.recording.has_time:
+    effects = describe_untested_effects(problem)
+    if effects is None:
         return []
     return [
-        f"Without a column `time` each row counts as an equilibrium: {EFFECTS_OVER_TIME} were not tested."
+        f"{effects} Each row counts as an equilibrium."
         " If the rows were recorded in sequence, add the column `time`."
     ]
+
+
+def describe_untested_effects(problem: LibraryProblem) -> str | None:
+    """Return a sentence on the effects that a recording without time cannot test; None with time."""
+    if problem.case.recording.has_time:
+        return None
+    return f"Without a column `time`, {EFFECTS_OVER_TIME} were not tested."
 
 
 def format_unidentified_combinations(problem: LibraryProblem, baseline: ModelFit) -> list[str]:

@@ -7,7 +7,11 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.diagnosis.notes import describe_values_at_limit
+from pamjax.diagnosis.notes import (
+    describe_untested_effects,
+    describe_values_at_limit,
+    format_untestable_mechanisms,
+)
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.registry import find_mechanism
 from pamjax.parameter import get_display_unit
@@ -35,12 +39,13 @@ def format_summary(diagnosis: Diagnosis) -> str:
         f" {diagnosis.problem.law} baseline",
         *_format_misfit(diagnosis),
         *(line for m in diagnosis.named_mechanisms for line in _format_mechanism(diagnosis, m)),
+        *_format_untested_effects(diagnosis),
         *_format_contradicted_values(diagnosis),
         *_format_unexplained_part(diagnosis),
         *_format_held_out_errors(diagnosis),
         *_format_parameter_shifts(diagnosis),
         *_format_experiments(diagnosis),
-        *(f"  note: {note}" for note in diagnosis.notes[:_MAX_SUMMARY_NOTES]),
+        *_format_notes(diagnosis),
     ]
     return "\n".join(lines[:MAX_SUMMARY_LINES])
 
@@ -72,6 +77,18 @@ def _format_contradicted_values(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"  {sentence}"
 
 
+def _format_untested_effects(diagnosis: Diagnosis) -> Iterator[str]:
+    if effects := describe_untested_effects(diagnosis.problem):
+        yield f"  {effects}"
+
+
+def _format_notes(diagnosis: Diagnosis) -> Iterator[str]:
+    # The summary has a line of its own on the effects that were not tested.
+    shown_above = format_untestable_mechanisms(diagnosis.problem)
+    notes = [note for note in diagnosis.notes if note not in shown_above]
+    yield from (f"  note: {note}" for note in notes[:_MAX_SUMMARY_NOTES])
+
+
 def _format_unexplained_part(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.is_faint:
         rms = math.sqrt(max(diagnosis.mismatch.mean_square - 1, 0.0))
@@ -80,7 +97,8 @@ def _format_unexplained_part(diagnosis: Diagnosis) -> Iterator[str]:
         return
     likeness = f"; like {diagnosis.likenesses[0].description}" if diagnosis.likenesses else ""
     share = "below 1%" if diagnosis.residual_share < 0.005 else f"{diagnosis.residual_share:.0%}"
-    yield f"  unexplained: {share} of the misfit; no mechanism of the library explains it{likeness}"
+    tested = "" if diagnosis.problem.case.recording.has_time else "tested "
+    yield f"  unexplained: {share} of the misfit; no {tested}mechanism of the library explains it{likeness}"
     for box in diagnosis.residual_boxes[:2]:
         yield f"    {box.description}"
 

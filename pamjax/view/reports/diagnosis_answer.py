@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pamjax.baselines.comparison import MODEL_TITLES, SAROSI_MODEL, ModelComparison
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.diagnosis.notes import describe_values_at_limit
+from pamjax.diagnosis.notes import describe_untested_effects, describe_values_at_limit
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.diagnosis.summary import format_named_estimate
@@ -58,7 +58,8 @@ def format_headline(diagnosis: Diagnosis) -> str:
     if diagnosis.is_faint:
         return "The baseline has a misfit that is too small to identify its cause"
     if not diagnosis.named_mechanisms:
-        return "The baseline has a misfit that no mechanism of the library explains"
+        tested = "" if diagnosis.problem.case.recording.has_time else "tested "
+        return f"The baseline has a misfit that no {tested}mechanism of the library explains"
     titles = join_words([_name_with_ties(mechanism) for mechanism in diagnosis.named_mechanisms])
     addition = "; part of the misfit is unexplained" if diagnosis.unexplained else ""
     return f"Missing from the baseline: {titles}{addition}"
@@ -83,6 +84,7 @@ def list_answers(diagnosis: Diagnosis, comparison: ModelComparison | None = None
     answers = [
         Answer("Missing" if diagnosis.is_detected else "Result", _describe_missing(diagnosis)),
         Answer("How sure", _describe_certainty(diagnosis)),
+        Answer("Not tested", _describe_untested_effects(diagnosis)),
         Answer("Where", _describe_location(diagnosis)),
         Answer(
             IMPROVEMENT_QUESTION if diagnosis.named_mechanisms else "Held-out error",
@@ -139,6 +141,11 @@ def _describe_probability(mechanism: NamedMechanism, is_named: bool) -> str:
         return f"{name}{probability if is_named else probability.capitalize()}; {rivals}."
     rivals = join_words([f"`{rival}`" for rival in mechanism.indistinguishable])
     return f"{name}This recording cannot distinguish it from {rivals}. Any of them: {probability}."
+
+
+def _describe_untested_effects(diagnosis: Diagnosis) -> tuple[str, ...]:
+    effects = describe_untested_effects(diagnosis.problem)
+    return (effects,) if effects else ()
 
 
 def _describe_location(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -211,6 +218,8 @@ def _describe_next_step(diagnosis: Diagnosis) -> tuple[str, ...]:
     tied = next((m for m in diagnosis.named_mechanisms if m.indistinguishable), None)
     if tied is not None:
         return (f"To separate them: {find_mechanism(tied.id).about.experiment}",)
+    if diagnosis.unexplained and not diagnosis.problem.case.recording.has_time:
+        return ("If the rows were recorded in sequence, add the column `time`, and repeat the diagnosis.",)
     if diagnosis.unexplained:
         return ("Check the rig and the muscle in the regions of the unexplained part, then record again.",)
     if diagnosis.is_faint:
