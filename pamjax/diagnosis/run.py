@@ -193,6 +193,7 @@ def _build_diagnosis(
             *format_notes(problem, baseline, model),
         ],
         experiments=experiments,
+        unexplained_reason=confirmed_selection.unexplained_reason,
         form_errors=final_fit.form_errors,
         form_error_model=final_fit.form_error_model,
         form_prediction=prediction if prediction.has_form_errors else None,

@@ -12,6 +12,7 @@ from pamjax.diagnosis.notes import (
     describe_values_at_limit,
     format_untestable_mechanisms,
 )
+from pamjax.diagnosis.unexplained import describe_unexplained_reason
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.registry import find_mechanism
 from pamjax.parameter import get_display_unit
@@ -99,6 +100,8 @@ def _format_unexplained_part(diagnosis: Diagnosis) -> Iterator[str]:
     share = "below 1%" if diagnosis.residual_share < 0.005 else f"{diagnosis.residual_share:.0%}"
     tested = "" if diagnosis.problem.case.recording.has_time else "tested "
     yield f"  unexplained: {share} of the misfit; no {tested}mechanism of the library explains it{likeness}"
+    if reason := describe_unexplained_reason(diagnosis):
+        yield f"    {reason}"
     for box in diagnosis.residual_boxes[:2]:
         yield f"    {box.description}"
 

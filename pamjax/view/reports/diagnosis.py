@@ -15,6 +15,7 @@ from pamjax.baselines.comparison import BASELINE_MODEL, MODEL_TITLES, ModelCompa
 from pamjax.channels import DISPLAY_UNIT, format_channel_value
 from pamjax.diagnosis.result import Diagnosis, get_baseline_estimates
 from pamjax.diagnosis.settings import describe_settings
+from pamjax.diagnosis.unexplained import describe_unexplained_reason
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.form_errors.parts import MIN_SHOWN_EFFECT
 from pamjax.model.registry import find_mechanism
@@ -62,7 +63,7 @@ def write_diagnosis_report(
         answers=list_answers(diagnosis, comparison),
         bars=list_held_out_bars(diagnosis, comparison),
         p_value=format_p_value(diagnosis.mismatch.p_value),
-        residual_p_value=format_p_value(diagnosis.residual_test.p_value),
+        unexplained_reason=describe_unexplained_reason(diagnosis),
         map=_draw_picture(partial(plot_map, diagnosis, None), "map", has_title=False),
         other_maps=[
             _draw_picture(partial(plot_map, diagnosis, c), f"map-{c}") for c in list_other_channels(diagnosis)

@@ -10,6 +10,7 @@ from pamjax.diagnosis.notes import describe_untested_effects, describe_values_at
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.diagnosis.summary import format_named_estimate
+from pamjax.diagnosis.unexplained import describe_unexplained_reason
 from pamjax.model.registry import find_mechanism
 from pamjax.text import join_words
 from pamjax.view.reports.model_uses import list_model_uses
@@ -113,6 +114,7 @@ def _describe_missing(diagnosis: Diagnosis) -> tuple[str, ...]:
         likeness = f", similar to {diagnosis.likenesses[0].description}" if diagnosis.likenesses else ""
         share = "Below 1 %" if diagnosis.residual_share < 0.005 else format_percent(diagnosis.residual_share)
         sentences.append(f"{share} of the misfit is unexplained{likeness}.")
+        sentences += [reason] if (reason := describe_unexplained_reason(diagnosis)) else []
     if diagnosis.is_faint:
         sentences.append("The misfit is far below the noise of one row, so pamjax names no mechanism.")
     return tuple(sentences)

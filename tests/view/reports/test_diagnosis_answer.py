@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from pamjax.diagnosis.notes import format_untestable_mechanisms
+from pamjax.diagnosis.unexplained import UnexplainedReason, describe_unexplained_reason
 from pamjax.view.reports.diagnosis_answer import format_headline, list_answers
 from tests.view.made_up import diagnosis, planned, table
 
@@ -89,3 +90,37 @@ def test_first_screen_and_summary_state_what_a_recording_without_time_cannot_tes
     with_time = diagnosis(named=False, unexplained=True)
     assert "Not tested" not in answers_of(with_time)
     assert "not tested" not in str(with_time)
+
+
+@pytest.mark.parametrize(
+    ("reason", "p_value", "sentence"),
+    [
+        (
+            UnexplainedReason.RESIDUAL,
+            1e-6,
+            "Reason: the residual test is significant also with the mechanisms (p = 1e-06).",
+        ),
+        (
+            UnexplainedReason.LEFT_OUT_BLOCKS,
+            0.86,
+            "The residual test is not significant (p = 0.86), but the mechanisms do not predict most of the"
+            " misfit of blocks that a fit leaves out.",
+        ),
+        (
+            UnexplainedReason.TEMPLATE,
+            1e-6,
+            "Reason: an effect outside the library explains the misfit better than a mechanism.",
+        ),
+    ],
+)
+def test_reason_of_an_unexplained_part_is_on_the_first_screen(reason, p_value, sentence):
+    result = diagnosis(unexplained=True)
+    residual_test = replace(result.residual_test, p_value=p_value)
+    result = replace(result, unexplained_reason=reason, residual_test=residual_test)
+    assert answers_of(result)["Missing"].endswith(sentence)
+    assert f"    {sentence}" in str(result).splitlines()
+
+
+def test_nothing_unexplained_has_no_reason():
+    assert describe_unexplained_reason(diagnosis()) is None
+    assert describe_unexplained_reason(diagnosis(named=False, unexplained=True)) is None
