@@ -13,6 +13,7 @@ import numpy as np
 
 from pamjax.baselines.comparison import BASELINE_MODEL, MODEL_TITLES, ModelComparison
 from pamjax.channels import DISPLAY_UNIT, format_channel_value
+from pamjax.diagnosis.model_uses import list_model_uses
 from pamjax.diagnosis.result import Diagnosis, get_baseline_estimates
 from pamjax.diagnosis.settings import describe_settings
 from pamjax.diagnosis.unexplained import describe_unexplained_reason
@@ -37,7 +38,6 @@ from pamjax.view.reports.diagnosis_answer import (
     list_answers,
     list_held_out_bars,
 )
-from pamjax.view.reports.model_uses import list_model_uses
 from pamjax.view.reports.page import Picture, build_picture, write_page
 from pamjax.view.wording import format_history, format_noise, format_signed
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from pamjax.baselines.comparison import MODEL_TITLES, SAROSI_MODEL, ModelComparison
 from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.diagnosis.next_step import describe_next_step
 from pamjax.diagnosis.notes import describe_untested_effects, describe_values_at_limit
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.selection import NamedMechanism
@@ -13,7 +14,6 @@ from pamjax.diagnosis.summary import format_named_estimate
 from pamjax.diagnosis.unexplained import describe_unexplained_reason
 from pamjax.model.registry import find_mechanism
 from pamjax.text import join_words
-from pamjax.view.reports.model_uses import list_model_uses
 from pamjax.view.wording import keep_units_with_numbers
 
 #: A p-value below this limit is shown as an upper bound.
@@ -92,7 +92,7 @@ def list_answers(diagnosis: Diagnosis, comparison: ModelComparison | None = None
             (*_describe_held_out_errors(diagnosis), *_describe_better_formula(comparison)),
         ),
         Answer("Stated values", tuple(describe_values_at_limit(diagnosis.problem, diagnosis.model))),
-        Answer("Next", _describe_next_step(diagnosis)),
+        Answer("Next", describe_next_step(diagnosis)),
     ]
     return [
         Answer(answer.question, tuple(map(keep_units_with_numbers, answer.sentences)))
@@ -206,29 +206,6 @@ def list_held_out_bars(diagnosis: Diagnosis, comparison: ModelComparison | None 
         rows = tuple((n, f"{value:.3g} {unit}", 100 * value / largest) for n, value in values.items())
         bars.append(HeldOutBar(channel, rows))
     return bars
-
-
-def _describe_next_step(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return the most useful next step."""
-    if diagnosis.experiments:
-        experiment = diagnosis.experiments[0]
-        separates = join_words([f"`{id}`" for id in experiment.separates])
-        return (
-            f"Run this: {experiment.protocol}.",
-            f"It separates {separates} with probability {experiment.power:.2f}.",
-        )
-    tied = next((m for m in diagnosis.named_mechanisms if m.indistinguishable), None)
-    if tied is not None:
-        return (f"To separate them: {find_mechanism(tied.id).about.experiment}",)
-    if diagnosis.unexplained and not diagnosis.problem.case.recording.has_time:
-        return ("If the rows were recorded in sequence, add the column `time`, and repeat the diagnosis.",)
-    if diagnosis.unexplained:
-        return ("Check the rig and the muscle in the regions of the unexplained part, then record again.",)
-    if diagnosis.is_faint:
-        return ("Use the baseline, or record more cycles: a longer recording can identify a smaller effect.",)
-    if diagnosis.named_mechanisms and not diagnosis.held_out_errors.baseline_rmse:
-        return ("Record at least three pressures, so that a block can be held out.",)
-    return tuple(f"{use}: `{command}`." for use, command in list_model_uses(diagnosis)[:1])
 
 
 def format_p_value(p: float) -> str:

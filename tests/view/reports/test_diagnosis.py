@@ -13,6 +13,7 @@ import pytest
 
 from pamjax.baselines.comparison import ComparisonSplit, ModelComparison
 from pamjax.diagnosis.estimates import ParameterEstimate
+from pamjax.diagnosis.model_uses import list_model_uses
 from pamjax.diagnosis.settings import DiagnosisSettings, describe_settings
 from pamjax.diagnosis.summary import format_named_estimate
 from pamjax.model.parameters import find_meaning
@@ -25,7 +26,6 @@ from pamjax.view.reports.diagnosis import (
     write_diagnosis_report,
 )
 from pamjax.view.reports.diagnosis_answer import list_answers, list_held_out_bars
-from pamjax.view.reports.model_uses import list_model_uses
 from pamjax.view.reports.page import render_svg
 from pamjax.view.wording import format_noise
 from tests.view.html_page import Page
