@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from pamjax.baselines.comparison import MODEL_TITLES, SAROSI_MODEL, ModelComparison
@@ -114,7 +115,9 @@ def _describe_missing(diagnosis: Diagnosis) -> tuple[str, ...]:
         likeness = f", similar to {diagnosis.likenesses[0].description}" if diagnosis.likenesses else ""
         share = "Below 1 %" if diagnosis.residual_share < 0.005 else format_percent(diagnosis.residual_share)
         sentences.append(f"{share} of the misfit is unexplained{likeness}.")
-        sentences += [reason] if (reason := describe_unexplained_reason(diagnosis)) else []
+        sentences += (
+            [_keep_p_value_whole(reason)] if (reason := describe_unexplained_reason(diagnosis)) else []
+        )
     if diagnosis.is_faint:
         sentences.append("The misfit is far below the noise of one row, so pamjax names no mechanism.")
     return tuple(sentences)
@@ -217,6 +220,11 @@ def format_p_value(p: float) -> str:
     return (f"p < {_MIN_SHOWN_P_VALUE:g}" if p < _MIN_SHOWN_P_VALUE else f"p = {p:.2g}").replace(
         " ", "\u00a0"
     )
+
+
+def _keep_p_value_whole(text: str) -> str:
+    """Return a sentence in which no line breaks within a p-value."""
+    return re.sub(r"\bp ([=<]) ", "p\u00a0\\1\u00a0", text)
 
 
 def format_probability(probability: float) -> str:
