@@ -29,7 +29,7 @@ from pamjax.view.figures.diagnosis_loops import (
     plot_loops,
     select_shown_groups,
 )
-from pamjax.view.figures.mismatch_map import list_other_channels, plot_map
+from pamjax.view.figures.mismatch_map import format_map_caption, list_other_channels, plot_map
 from pamjax.view.reports.diagnosis_answer import (
     format_headline,
     format_p_value,
@@ -65,6 +65,7 @@ def write_diagnosis_report(
         p_value=format_p_value(diagnosis.mismatch.p_value),
         unexplained_reason=describe_unexplained_reason(diagnosis),
         map=_draw_picture(partial(plot_map, diagnosis, None), "map", has_title=False),
+        map_caption=format_map_caption(diagnosis),
         other_maps=[
             _draw_picture(partial(plot_map, diagnosis, c), f"map-{c}") for c in list_other_channels(diagnosis)
         ],
