@@ -13,7 +13,7 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.fitting.case_summary import EFFECTS_OVER_TIME
-from pamjax.infer.fitting.determination import compute_prior_scale
+from pamjax.infer.fitting.determination import compute_prior_scale, describe_few_rows
 from pamjax.infer.fitting.identifiability import (
     find_undetermined_combinations,
     format_combination,
@@ -27,7 +27,7 @@ _DAMPING_ASYMMETRY = "viscous_damping.asymmetry"
 
 
 def format_notes(problem: LibraryProblem, baseline: ModelFit, fit: ModelFit) -> list[str]:
-    """Return all notes: parameters at their limits first.
+    """Return all notes: few rows and parameters at their limits first.
 
     Args:
         problem: the recording and the library.
@@ -35,11 +35,26 @@ def format_notes(problem: LibraryProblem, baseline: ModelFit, fit: ModelFit) -> 
         fit: the refitted baseline with the identified mechanisms; the baseline itself without any.
     """
     return [
+        *format_few_rows(problem, fit),
         *format_parameters_at_limit(problem, fit),
         *format_damping_asymmetry(problem, fit),
         *format_untestable_mechanisms(problem),
         *format_unidentified_combinations(problem, baseline),
     ]
+
+
+def format_few_rows(problem: LibraryProblem, fit: ModelFit) -> list[str]:
+    """Return a note if a model with mechanisms has many parameters for the rows of the recording.
+
+    Args:
+        problem: the recording and the library.
+        fit: the refitted baseline with the identified mechanisms.
+    """
+    if not fit.mechanisms:
+        return []
+    row_count = int(np.isfinite(problem.measured).any(axis=0).sum())
+    warning = describe_few_rows(row_count, len(fit.estimate.free))
+    return [warning] if warning else []
 
 
 def format_parameters_at_limit(problem: LibraryProblem, fit: ModelFit) -> list[str]:
