@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.diagnosis.estimates import order_estimates
 from pamjax.diagnosis.notes import (
     describe_untested_effects,
     describe_values_at_limit,
@@ -65,7 +66,7 @@ def _format_mechanism(diagnosis: Diagnosis, mechanism: NamedMechanism) -> Iterat
     title, form = find_mechanism(mechanism.id).about.title, mechanism.form_error
     form_error = f", form error {form:.0%}" if form is not None and form >= 0.01 else ""
     yield f"  {mechanism.id}: {title}, probability {mechanism.probability:.2f}{form_error}"
-    estimates = list(diagnosis.parameters[mechanism.id].items())[:3]
+    estimates = order_estimates(diagnosis.parameters[mechanism.id])[:3]
     yield "    " + ", ".join(format_named_estimate(name, estimate) for name, estimate in estimates)
     if mechanism.indistinguishable:
         rivals = join_words(mechanism.indistinguishable)
@@ -154,7 +155,9 @@ def _format_parameter_shifts(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def format_named_estimate(name: str, estimate: ParameterEstimate) -> str:
-    """Return an estimate as text, as "coefficient 0.210 ± 0.012"."""
+    """Return an estimate as text, as "coefficient 0.210 ± 0.012", or as "coefficient not determined"."""
+    if not estimate.is_determined:
+        return f"{name} not determined"
     limit = ", at its limit" if estimate.at_limit else ""
     unit = get_display_unit(estimate.meaning)[1]
     return f"{name} {format_estimate(estimate.value, estimate.sd, unit)}{limit}"

@@ -52,7 +52,7 @@ def _list_titles(mesh: QuadMesh, panel: Axes) -> Iterator[str]:
     x, y = corners[0, :, 0], corners[:, 0, 1]
     values = np.ma.filled(np.ma.asarray(mesh.get_array(), dtype=float), np.nan)
     # An rms has no sign.
-    sign = "+" if (mesh.norm.vmin or 0.0) < 0 else ""
+    sign = "+" if mesh.get_clim()[0] < 0 else ""
     for row, line in enumerate(values.reshape(y.size - 1, x.size - 1)):
         for column, value in enumerate(line):
             text = f"{value:{sign}.1f} sd" if np.isfinite(value) else "no measurement"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from pamjax.baselines.comparison import MODEL_TITLES, SAROSI_MODEL, ModelComparison
 from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.diagnosis.estimates import order_estimates
 from pamjax.diagnosis.next_step import describe_next_step
 from pamjax.diagnosis.notes import describe_untested_effects, describe_values_at_limit
 from pamjax.diagnosis.result import Diagnosis
@@ -108,7 +109,7 @@ def _describe_missing(diagnosis: Diagnosis) -> tuple[str, ...]:
         return (f"The {diagnosis.problem.law} baseline explains this recording within its noise.",)
     sentences = []
     for mechanism in diagnosis.named_mechanisms:
-        estimates = list(diagnosis.parameters[mechanism.id].items())[:_MAX_SHOWN_ESTIMATES]
+        estimates = order_estimates(diagnosis.parameters[mechanism.id])[:_MAX_SHOWN_ESTIMATES]
         listed = ", ".join(format_named_estimate(name, estimate) for name, estimate in estimates)
         sentences.append(f"`{mechanism.id}`: {listed}.")
     if diagnosis.unexplained:

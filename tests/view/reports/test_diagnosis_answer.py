@@ -1,11 +1,15 @@
 """The first screen of a diagnosis report: its headline and its answers."""
 
+import math
 from dataclasses import replace
 
 import pytest
 
+from pamjax.diagnosis.estimates import ParameterEstimate
 from pamjax.diagnosis.notes import format_untestable_mechanisms
+from pamjax.diagnosis.summary import format_named_estimate
 from pamjax.diagnosis.unexplained import UnexplainedReason, describe_unexplained_reason
+from pamjax.model.parameters import find_meaning
 from pamjax.view.reports.diagnosis_answer import format_headline, list_answers
 from tests.view.made_up import diagnosis, planned, table
 
@@ -124,3 +128,22 @@ def test_reason_of_an_unexplained_part_is_on_the_first_screen(reason, p_value, s
 def test_nothing_unexplained_has_no_reason():
     assert describe_unexplained_reason(diagnosis()) is None
     assert describe_unexplained_reason(diagnosis(named=False, unexplained=True)) is None
+
+
+def test_undetermined_parameters_are_last_and_have_no_value():
+    names = ("coefficient", "constant", "angle")
+    coefficient, constant, angle = (find_meaning(f"braid_friction.{name}") for name in names)
+    estimates = {
+        "coefficient": ParameterEstimate(0.1, 100.0, coefficient),
+        "angle": ParameterEstimate(0.0, 0.05, angle),
+        "constant": ParameterEstimate(2.0, 0.5, constant),
+    }
+    result = replace(diagnosis(), parameters={"braid_friction": estimates})
+    text = "constant 2.00 ± 0.50 N, angle 0.000 ± 0.050, coefficient not determined"
+    assert answers_of(result)["Missing"] == f"`braid_friction`: {text}."
+    assert f"    {text}" in str(result).splitlines()
+
+
+def test_value_at_its_limit_is_shown():
+    estimate = ParameterEstimate(3.0, math.nan, find_meaning("braid_friction.coefficient"), at_limit=True)
+    assert format_named_estimate("coefficient", estimate) == "coefficient 3, at its limit"
