@@ -18,6 +18,7 @@ from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.registry import find_mechanism
 from pamjax.parameter import get_display_unit
 from pamjax.text import join_words
+from pamjax.units import format_quantity
 
 if TYPE_CHECKING:
     from pamjax.diagnosis.estimates import ParameterEstimate
@@ -160,4 +161,6 @@ def format_named_estimate(name: str, estimate: ParameterEstimate) -> str:
         return f"{name} not determined"
     limit = ", at its limit" if estimate.at_limit else ""
     unit = get_display_unit(estimate.meaning)[1]
+    if estimate.at_limit and not (math.isfinite(estimate.sd) and estimate.sd > 0):
+        return f"{name} {format_quantity(estimate.value, unit, 3)}{limit}"
     return f"{name} {format_estimate(estimate.value, estimate.sd, unit)}{limit}"

@@ -27,6 +27,7 @@ from pamjax.infer.fitting.report import (
     format_case_notes,
     format_correlations,
     format_estimate,
+    format_fitted_value,
     format_form_errors,
     format_minimiser_state,
     format_misfit,
@@ -81,7 +82,7 @@ def write_fit_report(fit: Fit, path: str | Path, command: str = "pamjax fit") ->
         rows=[
             [
                 n,
-                format_estimate(estimate.value, estimate.sd, estimate.meaning.show),
+                format_fitted_value(estimate),
                 describe_origin(estimate),
                 estimate.meaning.about,
             ]

@@ -145,5 +145,5 @@ def test_undetermined_parameters_are_last_and_have_no_value():
 
 
 def test_value_at_its_limit_is_shown():
-    estimate = ParameterEstimate(3.0, math.nan, find_meaning("braid_friction.coefficient"), at_limit=True)
-    assert format_named_estimate("coefficient", estimate) == "coefficient 3, at its limit"
+    estimate = ParameterEstimate(2.98765, math.nan, find_meaning("braid_friction.coefficient"), at_limit=True)
+    assert format_named_estimate("coefficient", estimate) == "coefficient 2.99, at its limit"
