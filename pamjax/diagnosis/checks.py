@@ -37,6 +37,7 @@ from pamjax.diagnosis.select.selection import (
     drop_small_effects,
     shrink_to_even_odds,
 )
+from pamjax.diagnosis.unexplained import UnexplainedReason
 from pamjax.records.blocks import Blocks
 
 
@@ -73,14 +74,19 @@ class CheckedSelection:
     Attributes:
         selection: the mechanisms.
         residual_test: test of the residual with the mechanisms.
-        unexplained: whether no mechanism explains a part of the misfit.
         replacement_notes: notes on mechanisms that a template replaces.
+        unexplained_reason: the first reason why a part is unexplained; None if nothing is unexplained.
     """
 
     selection: Selection
     residual_test: ResidualTest
-    unexplained: bool
     replacement_notes: Sequence[str] = ()
+    unexplained_reason: UnexplainedReason | None = None
+
+    @property
+    def unexplained(self) -> bool:
+        """Return whether no mechanism explains a part of the misfit."""
+        return self.unexplained_reason is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +143,9 @@ def cross_validate_on_blocks(training: Training, checked_selection: CheckedSelec
         else _test_selection(training, selection, checked_selection.replacement_notes)
     )
     is_explained = is_predictive and not confirmed_selection.unexplained
-    return confirmed_selection if is_explained else _reduce_certainty(problem, confirmed_selection)
+    if is_explained:
+        return confirmed_selection
+    return _reduce_certainty(problem, confirmed_selection, UnexplainedReason.LEFT_OUT_BLOCKS)
 
 
 def check_on_held_out_rows(
@@ -161,7 +169,8 @@ def _drop_harmful_mechanisms(training: Training, checked_selection: CheckedSelec
     if selection is before:
         return checked_selection
     retested = _test_selection(training, selection, checked_selection.replacement_notes)
-    return replace(retested, unexplained=True)
+    reason = retested.unexplained_reason or checked_selection.unexplained_reason
+    return replace(retested, unexplained_reason=reason)
 
 
 def _test_held_out_rows(rows: DiagnosedRows, selection: Selection) -> HeldOutTest:
@@ -188,15 +197,25 @@ def _doubt_failed_prediction(
         or not confirmed_selection.selection.named_mechanisms
     ):
         return confirmed_selection
-    return _reduce_certainty(training.problem, confirmed_selection)
+    reason = UnexplainedReason.HELD_OUT_ERROR if is_too_large else UnexplainedReason.INCREASED_ERROR
+    return _reduce_certainty(training.problem, confirmed_selection, reason)
 
 
-def _reduce_certainty(problem: LibraryProblem, checked_selection: CheckedSelection) -> CheckedSelection:
-    """Return the selection with less certain mechanisms and an unexplained part."""
+def _reduce_certainty(
+    problem: LibraryProblem, checked_selection: CheckedSelection, reason: UnexplainedReason
+) -> CheckedSelection:
+    """Return the selection with less certain mechanisms and an unexplained part.
+
+    Args:
+        problem: the recording and the library.
+        checked_selection: the selection.
+        reason: why a part is unexplained, if the selection has no reason yet.
+    """
     selection = checked_selection.selection
     mechanisms = shrink_to_even_odds(selection.named_mechanisms, problem.settings, _get_ids(selection))
     selection = replace(selection, named_mechanisms=mechanisms)
-    return replace(checked_selection, selection=selection, unexplained=True)
+    reason = checked_selection.unexplained_reason or reason
+    return replace(checked_selection, selection=selection, unexplained_reason=reason)
 
 
 def _test_selection(
@@ -209,9 +228,12 @@ def _test_selection(
         if selection.model.mechanisms
         else mismatch
     )
-    is_significant = is_residual_significant(mismatch, residual_test, problem.settings)
-    unexplained = training.is_detected and (bool(replacement_notes) or is_significant)
-    return CheckedSelection(selection, residual_test, unexplained, replacement_notes)
+    reason = None
+    if training.is_detected and is_residual_significant(mismatch, residual_test, problem.settings):
+        reason = UnexplainedReason.RESIDUAL
+    elif training.is_detected and replacement_notes:
+        reason = UnexplainedReason.TEMPLATE
+    return CheckedSelection(selection, residual_test, replacement_notes, reason)
 
 
 def fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarray) -> ModelFit:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
 from pamjax.diagnosis.refit.model_fit import ModelFit
+from pamjax.infer.fitting.determination import NOT_DETERMINED, classify_sd_ratio, compute_prior_scale
 from pamjax.parameter import Meaning
 
 
@@ -18,6 +21,25 @@ class ParameterEstimate:
     sd: float
     meaning: Meaning
     at_limit: bool = False
+
+    @property
+    def is_determined(self) -> bool:
+        """Return whether its sd is clearly below that of its range; a value at a limit needs none."""
+        if self.at_limit:
+            return True
+        scale = compute_prior_scale(math.inf, self.value, self.meaning)
+        ratio = self.sd / scale if scale > 0 else math.inf
+        return classify_sd_ratio(ratio) != NOT_DETERMINED
+
+    @property
+    def is_above_sd(self) -> bool:
+        """Return whether the value is larger than its sd."""
+        return abs(self.value) > self.sd
+
+
+def order_estimates(estimates: Mapping[str, ParameterEstimate]) -> list[tuple[str, ParameterEstimate]]:
+    """Return the estimates of a mechanism: values above their sd first, undetermined ones last."""
+    return sorted(estimates.items(), key=lambda item: (not item[1].is_determined, not item[1].is_above_sd))
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.fitting.case_summary import EFFECTS_OVER_TIME
-from pamjax.infer.fitting.determination import compute_prior_scale
+from pamjax.infer.fitting.determination import compute_prior_scale, describe_few_rows
 from pamjax.infer.fitting.identifiability import (
     find_undetermined_combinations,
     format_combination,
@@ -39,7 +39,7 @@ _RESEMBLANCES = {
 
 
 def format_notes(problem: LibraryProblem, baseline: ModelFit, fit: ModelFit) -> list[str]:
-    """Return all notes: parameters at their limits first.
+    """Return all notes: few rows and parameters at their limits first.
 
     Args:
         problem: the recording and the library.
@@ -47,11 +47,26 @@ def format_notes(problem: LibraryProblem, baseline: ModelFit, fit: ModelFit) -> 
         fit: the refitted baseline with the identified mechanisms; the baseline itself without any.
     """
     return [
+        *format_few_rows(problem, fit),
         *format_parameters_at_limit(problem, fit),
         *format_asymmetry(problem, fit),
         *format_untestable_mechanisms(problem),
         *format_unidentified_combinations(problem, baseline),
     ]
+
+
+def format_few_rows(problem: LibraryProblem, fit: ModelFit) -> list[str]:
+    """Return a note if a model with mechanisms has many parameters for the rows of the recording.
+
+    Args:
+        problem: the recording and the library.
+        fit: the refitted baseline with the identified mechanisms.
+    """
+    if not fit.mechanisms:
+        return []
+    row_count = int(np.isfinite(problem.measured).any(axis=0).sum())
+    warning = describe_few_rows(row_count, len(fit.estimate.free))
+    return [warning] if warning else []
 
 
 def format_parameters_at_limit(problem: LibraryProblem, fit: ModelFit) -> list[str]:
@@ -114,12 +129,20 @@ def format_asymmetry(problem: LibraryProblem, fit: ModelFit) -> list[str]:
 
 def format_untestable_mechanisms(problem: LibraryProblem) -> list[str]:
     """Return a note on the mechanisms that were not tested, if the recording is a static table."""
-    if problem.case.recording.has_time:
+    effects = describe_untested_effects(problem)
+    if effects is None:
         return []
     return [
-        f"Without a column `time` each row counts as an equilibrium: {EFFECTS_OVER_TIME} were not tested."
+        f"{effects} Each row counts as an equilibrium."
         " If the rows were recorded in sequence, add the column `time`."
     ]
+
+
+def describe_untested_effects(problem: LibraryProblem) -> str | None:
+    """Return a sentence on the effects that a recording without time cannot test; None with time."""
+    if problem.case.recording.has_time:
+        return None
+    return f"Without a column `time`, {EFFECTS_OVER_TIME} were not tested."
 
 
 def format_unidentified_combinations(problem: LibraryProblem, baseline: ModelFit) -> list[str]:

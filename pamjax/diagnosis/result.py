@@ -25,6 +25,7 @@ from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.saved_model import build_model_document
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DiagnosisSettings
+from pamjax.diagnosis.unexplained import UnexplainedReason
 from pamjax.drawing import DrawableResult
 from pamjax.infer.form_errors.form_model import FormErrorModel
 from pamjax.infer.form_errors.parts import FormErrorPart
@@ -60,6 +61,7 @@ class Diagnosis(DrawableResult, NotebookText):
         parameter_shifts: baseline parameters without and with the mechanisms.
         notes: warnings of the case, parameters that are not determined, and parameters at their limits.
         experiments: proposed next experiments.
+        unexplained_reason: why a part is unexplained; None if nothing is unexplained.
         form_errors: form errors by mechanism id; mechanisms without form error are absent.
         form_prediction: prediction with the estimated form errors; None if their most likely size is zero.
         form_error_model: form errors for other recordings, a part of model.json; None if there are none.
@@ -83,6 +85,7 @@ class Diagnosis(DrawableResult, NotebookText):
     parameter_shifts: dict[str, ParameterShift]
     notes: list[str]
     experiments: list[Experiment]
+    unexplained_reason: UnexplainedReason | None = None
     form_errors: dict[str, FormErrorPart] = field(default_factory=dict)
     form_prediction: ModelPrediction | None = None
     form_error_model: FormErrorModel | None = None

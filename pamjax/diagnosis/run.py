@@ -34,7 +34,7 @@ from pamjax.diagnosis.form_errors.prediction import (
 from pamjax.diagnosis.form_errors.uncertainty import include_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.experiment import Experiment, propose_experiments
-from pamjax.diagnosis.noise.noise_ratios import compute_noise_ratios, format_noise_notes
+from pamjax.diagnosis.noise.noise_ratios import compute_noise_ratios, format_noise_notes, list_unstated_inputs
 from pamjax.diagnosis.notes import format_notes
 from pamjax.diagnosis.outside.template_context import get_template_builder
 from pamjax.diagnosis.outside.template_fits import list_likenesses
@@ -188,11 +188,14 @@ def _build_diagnosis(
         else {},
         notes=[
             *selection_notes,
-            *format_noise_notes(noise_ratios, problem.settings.min_reported_noise_ratio),
+            *format_noise_notes(
+                noise_ratios, problem.settings.min_reported_noise_ratio, list_unstated_inputs(problem.case)
+            ),
             *problem.case.warnings,
             *format_notes(problem, baseline, model),
         ],
         experiments=experiments,
+        unexplained_reason=confirmed_selection.unexplained_reason,
         form_errors=final_fit.form_errors,
         form_error_model=final_fit.form_error_model,
         form_prediction=prediction if prediction.has_form_errors else None,

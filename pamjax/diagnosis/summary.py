@@ -7,11 +7,18 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.diagnosis.notes import describe_values_at_limit
+from pamjax.diagnosis.estimates import order_estimates
+from pamjax.diagnosis.notes import (
+    describe_untested_effects,
+    describe_values_at_limit,
+    format_untestable_mechanisms,
+)
+from pamjax.diagnosis.unexplained import describe_unexplained_reason
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.registry import find_mechanism
 from pamjax.parameter import get_display_unit
 from pamjax.text import join_words
+from pamjax.units import format_quantity
 
 if TYPE_CHECKING:
     from pamjax.diagnosis.estimates import ParameterEstimate
@@ -35,12 +42,13 @@ def format_summary(diagnosis: Diagnosis) -> str:
         f" {diagnosis.problem.law} baseline",
         *_format_misfit(diagnosis),
         *(line for m in diagnosis.named_mechanisms for line in _format_mechanism(diagnosis, m)),
+        *_format_untested_effects(diagnosis),
         *_format_contradicted_values(diagnosis),
         *_format_unexplained_part(diagnosis),
         *_format_held_out_errors(diagnosis),
         *_format_parameter_shifts(diagnosis),
         *_format_experiments(diagnosis),
-        *(f"  note: {note}" for note in diagnosis.notes[:_MAX_SUMMARY_NOTES]),
+        *_format_notes(diagnosis),
     ]
     return "\n".join(lines[:MAX_SUMMARY_LINES])
 
@@ -59,7 +67,7 @@ def _format_mechanism(diagnosis: Diagnosis, mechanism: NamedMechanism) -> Iterat
     title, form = find_mechanism(mechanism.id).about.title, mechanism.form_error
     form_error = f", form error {form:.0%}" if form is not None and form >= 0.01 else ""
     yield f"  {mechanism.id}: {title}, probability {mechanism.probability:.2f}{form_error}"
-    estimates = list(diagnosis.parameters[mechanism.id].items())[:3]
+    estimates = order_estimates(diagnosis.parameters[mechanism.id])[:3]
     yield "    " + ", ".join(format_named_estimate(name, estimate) for name, estimate in estimates)
     if mechanism.indistinguishable:
         rivals = join_words(mechanism.indistinguishable)
@@ -72,6 +80,18 @@ def _format_contradicted_values(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"  {sentence}"
 
 
+def _format_untested_effects(diagnosis: Diagnosis) -> Iterator[str]:
+    if effects := describe_untested_effects(diagnosis.problem):
+        yield f"  {effects}"
+
+
+def _format_notes(diagnosis: Diagnosis) -> Iterator[str]:
+    # The summary has a line of its own on the effects that were not tested.
+    shown_above = format_untestable_mechanisms(diagnosis.problem)
+    notes = [note for note in diagnosis.notes if note not in shown_above]
+    yield from (f"  note: {note}" for note in notes[:_MAX_SUMMARY_NOTES])
+
+
 def _format_unexplained_part(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.is_faint:
         rms = math.sqrt(max(diagnosis.mismatch.mean_square - 1, 0.0))
@@ -80,7 +100,10 @@ def _format_unexplained_part(diagnosis: Diagnosis) -> Iterator[str]:
         return
     likeness = f"; like {diagnosis.likenesses[0].description}" if diagnosis.likenesses else ""
     share = "below 1%" if diagnosis.residual_share < 0.005 else f"{diagnosis.residual_share:.0%}"
-    yield f"  unexplained: {share} of the misfit; no mechanism of the library explains it{likeness}"
+    tested = "" if diagnosis.problem.case.recording.has_time else "tested "
+    yield f"  unexplained: {share} of the misfit; no {tested}mechanism of the library explains it{likeness}"
+    if reason := describe_unexplained_reason(diagnosis):
+        yield f"    {reason}"
     for box in diagnosis.residual_boxes[:2]:
         yield f"    {box.description}"
 
@@ -133,7 +156,11 @@ def _format_parameter_shifts(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def format_named_estimate(name: str, estimate: ParameterEstimate) -> str:
-    """Return an estimate as text, as "coefficient 0.210 ± 0.012"."""
+    """Return an estimate as text, as "coefficient 0.210 ± 0.012", or as "coefficient not determined"."""
+    if not estimate.is_determined:
+        return f"{name} not determined"
     limit = ", at its limit" if estimate.at_limit else ""
     unit = get_display_unit(estimate.meaning)[1]
+    if estimate.at_limit and not (math.isfinite(estimate.sd) and estimate.sd > 0):
+        return f"{name} {format_quantity(estimate.value, unit, 3)}{limit}"
     return f"{name} {format_estimate(estimate.value, estimate.sd, unit)}{limit}"

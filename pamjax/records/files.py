@@ -9,7 +9,7 @@ import signal
 import stat
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -106,17 +106,21 @@ def write_folder_atomically(folder: str | Path) -> Iterator[Path]:
 
 
 @contextmanager
-def write_results_together(folder: str | Path) -> Iterator[Path]:
+def write_results_together(folder: str | Path, earlier_names: Sequence[str] = ()) -> Iterator[Path]:
     """Yield a temporary folder inside `folder`, whose files move to `folder` at the end, all or none.
 
     So a killed command or a full disk leaves no new result beside the report of an earlier one. The folder is
     created with its parents. Its other files are unchanged.
+
+    Args:
+        folder: the output folder.
+        earlier_names: names of the files of an earlier result in it, which are removed at the end.
     """
     folder = Path(folder)
     is_new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        with _move_at_the_end(folder / f".pamjax-{secrets.token_hex(4)}", folder) as temporary:
+        with _move_at_the_end(folder / f".pamjax-{secrets.token_hex(4)}", folder, earlier_names) as temporary:
             yield temporary
     finally:
         if is_new and not any(folder.iterdir()):
@@ -124,12 +128,18 @@ def write_results_together(folder: str | Path) -> Iterator[Path]:
 
 
 @contextmanager
-def _move_at_the_end(temporary: Path, folder: Path) -> Iterator[Path]:
-    """Create a temporary folder, yield it, and move its files to `folder` at the end, all or none."""
+def _move_at_the_end(temporary: Path, folder: Path, earlier_names: Sequence[str] = ()) -> Iterator[Path]:
+    """Create a temporary folder, yield it, and move its files to `folder` at the end, all or none.
+
+    Files of an earlier result that no new file replaces are removed first.
+    """
     temporary.mkdir()
     try:
         yield temporary
         with _delay_interrupt():
+            for name in earlier_names:
+                if not (temporary / name).exists():
+                    (folder / name).unlink(missing_ok=True)
             _move_files(temporary, folder)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)

@@ -1,5 +1,6 @@
 """Reports: complete, offline, with text for each figure, and without errors in a browser."""
 
+import html
 import json
 import re
 import shutil
@@ -113,6 +114,29 @@ def test_report_opens_in_a_browser(report, width, tmp_path):
     assert complaints == []
     # No element is wider than the page: no horizontal scrolling.
     assert int(title.removeprefix("wide ")) <= width
+
+
+#: Script of a page with a report in a frame, because a window of Chromium is at least 500 pixels wide.
+MEASURE_FRAME = """<script>onload = () => {
+const page = document.querySelector("iframe").contentDocument;
+const lines = [...page.querySelectorAll(".option")].map((e) => e.getClientRects().length);
+document.title = `wide ${page.documentElement.scrollWidth} ${Math.max(1, ...lines)}`;
+}</script></body>"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium")
+def test_report_fits_a_phone(report, tmp_path):
+    page = html.escape(report.read_text("utf-8"))
+    frame = tmp_path / "frame.html"
+    frame.write_text(
+        f'<html><body><iframe srcdoc="{page}" style="width: 390px; border: 0"></iframe></body></html>',
+        "utf-8",
+    )
+    title, _ = open_in_browser(frame, MEASURE_FRAME, 600, tmp_path)
+    width, lines_of_an_option = map(int, title.removeprefix("wide ").split())
+    assert width <= 390
+    assert lines_of_an_option == 1
 
 
 @pytest.mark.slow

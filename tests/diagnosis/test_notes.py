@@ -1,6 +1,7 @@
 """Parameters that the refit of the baseline does not determine are reported."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.notes import (
     describe_values_at_limit,
     format_asymmetry,
+    format_few_rows,
     format_parameters_at_limit,
     format_unidentified_combinations,
     format_untestable_mechanisms,
@@ -77,6 +79,18 @@ def test_parameter_at_its_limit_is_reported():
     assert both.startswith("`muscle.thread_length` and `muscle.turns` reached their limits (3 sd")
     assert both.endswith("their stated sd are too small.")
     assert list_strained(0.2510, 1.085) == []
+
+
+@pytest.mark.parametrize(("row_count", "is_noted"), [(39, True), (40, False)])
+def test_few_rows_for_each_parameter_are_reported(row_count, is_noted):
+    problem = SimpleNamespace(measured=np.ones((2, 50)))
+    problem.measured[:, row_count:] = np.nan
+    fit = SimpleNamespace(mechanisms=("friction",), estimate=SimpleNamespace(free=(0, 1, 2, 3)))
+    notes = format_few_rows(problem, fit)  # type: ignore[arg-type]
+    assert len(notes) == is_noted
+    assert all("4 estimated parameters, and the recording only 39 rows" in note for note in notes)
+    fit.mechanisms = ()
+    assert format_few_rows(problem, fit) == []  # type: ignore[arg-type]
 
 
 def test_mechanisms_that_a_table_cannot_test_are_reported():

@@ -122,6 +122,20 @@ def test_results_are_written_together_or_not_at_all(tmp_path):
     }  # fmt: skip
 
 
+def test_files_of_an_earlier_result_are_removed_with_the_move(tmp_path):
+    for name in ("fit.json", "prior.png", "notes.txt"):
+        (tmp_path / name).write_text("old")
+    earlier_names = ["fit.json", "prior.png", "gone.png"]
+    with pytest.raises(OSError, match="full"), write_results_together(tmp_path, earlier_names):
+        raise OSError("the disk is full")
+    assert names(tmp_path) == ["fit.json", "notes.txt", "prior.png"]
+    with write_results_together(tmp_path, earlier_names) as folder:
+        (folder / "fit.json").write_text("new")
+        assert (tmp_path / "prior.png").exists()
+    assert names(tmp_path) == ["fit.json", "notes.txt"]
+    assert (tmp_path / "fit.json").read_text() == "new"
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with a name")
 @pytest.mark.parametrize("kind", ["pipe", "device"])
 def test_file_without_an_end_is_refused(kind, tmp_path):

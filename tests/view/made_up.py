@@ -21,6 +21,7 @@ from pamjax.diagnosis.outside.template_fits import Likeness
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
+from pamjax.diagnosis.unexplained import UnexplainedReason
 from pamjax.infer.form_errors.parts import FormErrorPart
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 from pamjax.infer.noise.noise_model import NoiseModel
@@ -150,6 +151,7 @@ def diagnosis(
         else {},
         notes=["turns and thread length are determined only in combination"],
         experiments=list(experiments),
+        unexplained_reason=UnexplainedReason.RESIDUAL if unexplained else None,
     )
 
 

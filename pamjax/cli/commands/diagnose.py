@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -95,7 +96,8 @@ def diagnose(
 
                         write_diagnosis_report(outcome, folder / REPORT_FILE, format_command(), comparison)
                 diagnoses.append(outcome)
-                summaries.append(_format_summary(outcome, comparison))
+                closing_lines = _format_closing_lines(outcome, out / case.name, report)
+                summaries.append("\n".join([_format_summary(outcome, comparison), *closing_lines]))
                 paths += _list_files(outcome, out, comparison is not None, report)
     if json:
         print_json([outcome.as_dict() for outcome in diagnoses])
@@ -125,6 +127,18 @@ def _print_errors(errors: list[BadInput]) -> None:
 def _name_case(folder: Path, error: BadInput) -> BadInput:
     """Return the error with the folder of its case."""
     return BadInput(f"{folder}: {error}")
+
+
+def _format_closing_lines(diagnosis: Diagnosis, folder: Path, report: bool) -> list[str]:
+    """Return a line with the first file to open, and a line with the next step."""
+    from pamjax.diagnosis.next_step import describe_next_step
+
+    if diagnosis.experiments:
+        # The summary has its protocol.
+        step = "run the experiment above, and diagnose its recording"
+    else:
+        step = " ".join(describe_next_step(diagnosis, shlex.quote(str(folder / "model.json"))))
+    return [f"results: {folder / (REPORT_FILE if report else 'diagnosis.json')}", f"next: {step}"]
 
 
 def _format_summary(diagnosis: Diagnosis, comparison: ModelComparison | None) -> str:

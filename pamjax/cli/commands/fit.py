@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from pamjax.cli.earlier_fit import list_earlier_files
 from pamjax.cli.options import DEFAULT_MODEL, Json, ModelOptions
 from pamjax.cli.screen import (
     REPORT_FILE,
@@ -21,9 +23,6 @@ from pamjax.cli.screen import (
 
 if TYPE_CHECKING:
     from pamjax.infer.fitting.result import Fit
-
-#: Figure of the priors, which a fit without priors does not have.
-_PRIOR_FIGURE = "prior.png"
 
 
 def fit(
@@ -48,7 +47,7 @@ def fit(
 
     Args:
         cases: case folders, each with recording.csv and muscle.toml.
-        out: output folder.
+        out: output folder. Files of an earlier fit in it are replaced; other files are unchanged.
         form_error: allow for differences between effects and the equations of the mechanisms.
         loss: square (least squares) or soft (robust: limits the influence of outliers).
         starts: number of starting points of the minimiser.
@@ -78,7 +77,8 @@ def fit(
             seed=seed,
             progress=progress,
         )
-    with write_results_together(out) as folder:
+    earlier_names = list_earlier_files(out)
+    with write_results_together(out, earlier_names) as folder:
         paths = save(result, folder)
         if figures:
             from pamjax.view.figures.fit import save_fit_figures
@@ -88,9 +88,6 @@ def fit(
             from pamjax.view.reports.fit import write_fit_report
 
             paths.append(write_fit_report(result, folder / REPORT_FILE, format_command()))
-    if figures and not any(path.name == _PRIOR_FIGURE for path in paths):
-        # The figure of an earlier fit with priors does not belong to this fit.
-        (out / _PRIOR_FIGURE).unlink(missing_ok=True)
     paths = [out / path.name for path in paths]
     if json:
         print_json(build_fit_document(result))
@@ -99,6 +96,9 @@ def fit(
         print_text(f"results: {out / REPORT_FILE if report else out / 'fit.json'}")
         print_text(f"next: pamjax {_suggest_command(result, cases)}")
     print_written_files(paths)
+    removed = [name for name in earlier_names if not (out / name).exists()]
+    if removed:
+        print(f"removed files of an earlier fit from {out}/: {', '.join(removed)}", file=sys.stderr)
 
 
 def _suggest_command(result: Fit, folders: list[Path]) -> str:

@@ -9,12 +9,15 @@ Neglects: recordings in a static table, and channels with few samples; their rat
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.infer.problem.informative_samples import get_stated_sds
+from pamjax.records.case import Case
+from pamjax.text import join_words
 
 
 def compute_noise_ratios(problem: LibraryProblem, values: np.ndarray) -> dict[str, float | None]:
@@ -39,16 +42,30 @@ def compute_noise_ratios(problem: LibraryProblem, values: np.ndarray) -> dict[st
     }
 
 
-def format_noise_notes(ratios: dict[str, float | None], limit: float) -> list[str]:
+def list_unstated_inputs(case: Case) -> list[str]:
+    """Return the inputs of the model whose sensors have no stated noise."""
+    sensors = case.muscle_toml.sensors
+    inputs = {"pressure": sensors.pressure}
+    inputs |= {"force": sensors.force} if case.recording.measures_length else {"length": sensors.length}
+    return [name for name, sd in inputs.items() if sd is None]
+
+
+def format_noise_notes(
+    ratios: dict[str, float | None], limit: float, unstated_inputs: Sequence[str] = ()
+) -> list[str]:
     """Return a note for each channel whose noise differs from the stated noise.
 
     Args:
         ratios: by channel, the estimated over the stated noise sd.
         limit: a ratio above it, or below its inverse, is reported.
+        unstated_inputs: inputs of the model without a stated noise, which can increase the ratio.
     """
+    cause = ""
+    if unstated_inputs:
+        cause = f" The noise of {join_words(list(unstated_inputs))} adds to it, and is not stated there."
     return [
         f"The noise of {channel} is {ratio:.2f} times the stated noise (from neighbouring samples): check"
-        " `[sensors]`."
+        f" `[sensors]`.{cause if ratio > 1 else ''}"
         for channel, ratio in ratios.items()
         if ratio is not None and not 1 / limit < ratio < limit
     ]

@@ -24,7 +24,8 @@ NOT_DETERMINED = "not determined by the data"
 MAX_SD_RATIO_DETERMINED = 0.5
 #: With a larger fraction, the posterior equals the prior.
 _MAX_SD_RATIO_INFORMED = 0.95
-
+#: With fewer rows for each parameter, a fit can follow the noise (a common rule of regression).
+MIN_ROWS_PER_PARAMETER = 10
 
 #: Prior sd of a range without a stated sd, over the range.
 _SD_OF_UNIFORM = 1 / math.sqrt(12)
@@ -58,6 +59,20 @@ def describe_row_shortage(sample_count: int, prior_sds: Iterable[float]) -> str 
     return (
         f"The recording must determine {count} parameters without a stated value, and has only"
         f" {sample_count} samples that depend on them: measure more rows, or use fewer mechanisms."
+    )
+
+
+def describe_few_rows(row_count: int, parameter_count: int) -> str | None:
+    """Return a warning if there are fewer than `MIN_ROWS_PER_PARAMETER` rows for each parameter.
+
+    >>> describe_few_rows(38, 10)[:62]
+    'The model has 10 estimated parameters, and the recording only '
+    """
+    if row_count >= MIN_ROWS_PER_PARAMETER * parameter_count:
+        return None
+    return (
+        f"The model has {parameter_count} estimated parameters, and the recording only {row_count} rows:"
+        f" fewer than {MIN_ROWS_PER_PARAMETER} for each parameter. Record more cycles to confirm it."
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,6 +43,15 @@ def build_fit_document(fit: Fit) -> dict[str, Any]:
             case_fit.case.name: _build_case_entry(case_fit, fit.law, fit.mechanisms) for case_fit in fit.cases
         },
     }
+
+
+def list_result_names(cases: Sequence[str]) -> list[str]:
+    """Return the names of the files that `save` writes, fit.json first.
+
+    Args:
+        cases: names of the cases.
+    """
+    return ["fit.json", *(["fit.nc"] if len(cases) == 1 else [f"{case}.nc" for case in cases])]
 
 
 def _build_estimate_entry(e: Estimate) -> dict[str, Any]:
@@ -214,14 +224,13 @@ def save(fit: Fit, folder: str | Path) -> list[Path]:
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / "fit.json"]
+    names = list_result_names([case_fit.case.name for case_fit in fit.cases])
+    paths = [folder / name for name in names]
     with write_atomically(paths[0]) as path:
         path.write_text(
             json.dumps(build_fit_document(fit), indent=2, allow_nan=False) + "\n", encoding="utf-8"
         )
-    for case_fit in fit.cases:
-        name = "fit.nc" if len(fit.cases) == 1 else f"{case_fit.case.name}.nc"
-        paths.append(folder / name)
-        with write_atomically(folder / name) as path:
+    for case_fit, target in zip(fit.cases, paths[1:], strict=True):
+        with write_atomically(target) as path:
             _write_netcdf(case_fit, path)
     return paths

@@ -17,7 +17,7 @@ from pamjax.infer.problem.informative_samples import count_informative_samples
 from pamjax.infer.problem.priors import is_length_error
 from pamjax.infer.problem.row_counts import describe_unused_rows
 from pamjax.records.reading.muscle_toml import describe_unused_bladder
-from pamjax.units import compute_si_factor
+from pamjax.units import compute_si_factor, format_quantity
 
 if TYPE_CHECKING:
     from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
@@ -100,6 +100,17 @@ def format_estimate(value: float, sd: float | None, unit: str) -> str:
     return f"{value:.{digits}f} ± {sd:.{digits}f}{tail}"
 
 
+def format_fitted_value(e: Estimate) -> str:
+    """Return value ± sd; a value at a limit, which has no sd, with the digits of its prior or three."""
+    unit = e.meaning.show
+    if not e.at_limit or e.sd:
+        return format_estimate(e.value, e.sd, unit)
+    if not math.isfinite(e.prior_sd):
+        return format_quantity(e.value, unit, 3)
+    value = format_estimate(e.value, e.prior_sd, unit).partition(" ± ")[0]
+    return value if unit == "1" else f"{value} {unit}"
+
+
 def _format_title(fit: Fit) -> str:
     rows = sum(int(case_fit.case.recording.usable.sum()) for case_fit in fit.cases)
     cases = ", ".join(case_fit.case.name for case_fit in fit.cases)
@@ -110,7 +121,7 @@ def _format_estimates(fit: Fit) -> Iterator[str]:
     parameters = {n: e for n, e in fit.estimates.items() if not is_length_error(n)}
     width = max(map(len, parameters), default=0)
     for name, e in parameters.items():
-        yield f"  {name:<{width}}  {format_estimate(e.value, e.sd, e.meaning.show):<24} {describe_origin(e)}"
+        yield f"  {name:<{width}}  {format_fitted_value(e):<24} {describe_origin(e)}"
     errors = [e for n, e in fit.estimates.items() if is_length_error(n)]
     if errors:
         worst = max(errors, key=lambda e: abs(e.value))

@@ -12,7 +12,7 @@ The figure of the priors is in `fit_priors.py`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -336,6 +336,17 @@ def _format_generalisation(case_fit: CaseFit, channel: str) -> str:
         f"{head}{abs(percent_more):.0f} % {'more' if percent_more > 0 else 'less'} than in the fit"
         f" ({format_channel_value(fitted_rmse, channel)})"
     )
+
+
+def list_figure_names(cases: Sequence[str]) -> list[str]:
+    """Return the names of the files that `save_fit_figures` can write.
+
+    Args:
+        cases: names of the cases.
+    """
+    prefixes = [""] if len(cases) == 1 else [f"{case}-" for case in cases]
+    kinds = ("prediction", "residual", "held-out")
+    return ["prior.png", *(f"{prefix}{kind}.png" for prefix in prefixes for kind in kinds)]
 
 
 def save_fit_figures(fit: Fit, folder: Path) -> list[Path]:

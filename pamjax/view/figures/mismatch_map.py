@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import matplotlib
@@ -30,6 +30,10 @@ _MIN_MOVING_SHARE = 0.5
 _MIN_AXIS_RANGE = {"contraction [%]": 0.2, "pressure [kPa]": 1.0, "time [s]": 0.0, "row": 0.0}
 #: Quantile of the cells' absolute values at the end of the colour scale; larger values are clipped.
 _COLOUR_QUANTILE = 0.98
+
+
+#: Smallest share of the squared misfit beyond noise that the means of the cells must have to be drawn.
+_MIN_SHARE_OF_MEANS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,24 +98,23 @@ def list_other_channels(diagnosis: Diagnosis) -> list[int]:
 def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = False) -> Figure:
     """Return the map of measured − baseline in noise sd over pressure and contraction.
 
+    A cell has the mean of its rows. If positive and negative deviations cancel in the cells, it has their
+    root mean square instead.
+
     Args:
         diagnosis: the diagnosis.
         channel: 0 force, 1 diameter; the main channel if omitted.
         narrow: draw for a column or a phone, with stacked panels.
     """
-    coordinates, channel_index = (
-        build_axes(diagnosis.problem),
-        find_main_channel(diagnosis) if channel is None else channel,
-    )
-    residual = _compute_standard_residual(diagnosis)[channel_index]
-    x, y = _select_axes(diagnosis.problem, coordinates)
-    panel_parts = list(_list_motions(coordinates, np.isfinite(residual)))
+    channel_index = find_main_channel(diagnosis) if channel is None else channel
+    map_cells = _build_cells(diagnosis, channel_index)
+    x, y, panel_parts, cells = map_cells.x, map_cells.y, map_cells.panel_parts, map_cells.values
+    shows_rms = map_cells.shows_rms
     boxes = [
         (number, box)
         for number, box in enumerate(diagnosis.mismatch_boxes, 1)
         if diagnosis.is_detected and box.channel == diagnosis.problem.channels[channel_index]
     ]
-    cells = [_compute_cell_means(x, y, np.where(rows, residual, np.nan)) for _, _, rows in panel_parts]
     colour_limit = max(2.0, float(np.nanquantile(np.abs(np.stack(cells)), _COLOUR_QUANTILE)))
     is_stacked = narrow and len(panel_parts) > 1
     with apply_theme():
@@ -119,8 +122,8 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
         shape = (len(panel_parts), 1) if narrow else (1, len(panel_parts))
         panels = list(drawing.subplots(*shape, sharex=True, sharey=True, squeeze=False).flat)
         mesh = None
-        for panel, (name, motions, _), mean in zip(panels, panel_parts, cells, strict=True):
-            mesh = _plot_cells(panel, x, y, mean, colour_limit)
+        for panel, (name, motions, _), values in zip(panels, panel_parts, cells, strict=True):
+            mesh = _plot_cells(panel, x, y, values, (0.0 if shows_rms else -colour_limit, colour_limit))
             for number, box in boxes:
                 if box.motion in motions:
                     _plot_box(panel, number, x.find_box_limits(box), y.find_box_limits(box))
@@ -131,7 +134,8 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
             {"location": "bottom", "aspect": 35, "shrink": 0.8} if is_stacked else {"aspect": 25, "pad": 0.02}
         )
         bar = drawing.colorbar(mesh, ax=panels, **bar_position)
-        bar.set_label(f"{diagnosis.problem.channels[channel_index]}: measured − baseline [noise sd]")
+        statistic = "rms of measured" if shows_rms else "measured"
+        bar.set_label(f"{diagnosis.problem.channels[channel_index]}: {statistic} − baseline [noise sd]")
         bar.outline.set_visible(False)
         drawing.suptitle(
             wrap_title(
@@ -205,6 +209,18 @@ def _build_axis(label: str, field: str, scale: float, values: np.ndarray, levels
 
 def _compute_cell_means(x: MapAxis, y: MapAxis, residual: np.ndarray) -> np.ndarray:
     """Return the mean residual of each cell, (cells of y, cells of x); NaN in empty cells."""
+    count = _count_cell_rows(x, y, residual)
+    total = _sum_over_cells(x, y, residual, residual)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _count_cell_rows(x: MapAxis, y: MapAxis, residual: np.ndarray) -> np.ndarray:
+    """Return the number of rows with a residual in each cell, (cells of y, cells of x)."""
+    return _sum_over_cells(x, y, residual, np.ones_like(residual))
+
+
+def _sum_over_cells(x: MapAxis, y: MapAxis, residual: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return the sum of values over the rows with a residual in each cell, (cells of y, cells of x)."""
     finite_rows = np.isfinite(residual) & np.isfinite(x.values) & np.isfinite(y.values)
     shape = (len(y.edges) - 1, len(x.edges) - 1)
     row, column = (
@@ -212,14 +228,80 @@ def _compute_cell_means(x: MapAxis, y: MapAxis, residual: np.ndarray) -> np.ndar
         for axis in (y, x)
     )
     flat = row * shape[1] + column
-    count = np.bincount(flat, minlength=shape[0] * shape[1])
-    total = np.bincount(flat, residual[finite_rows], minlength=shape[0] * shape[1])
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(shape)
+    return np.bincount(flat, values[finite_rows], minlength=shape[0] * shape[1]).reshape(shape)
 
 
-def _plot_cells(panel: Panel, x: MapAxis, y: MapAxis, mean: np.ndarray, colour_limit: float) -> QuadMesh:
-    colours = matplotlib.colormaps["RdBu_r"]
-    mesh = panel.pcolormesh(x.edges, y.edges, mean, cmap=colours, vmin=-colour_limit, vmax=colour_limit)
+@dataclass(frozen=True, eq=False)
+class _MapCells:
+    """Cells of a map.
+
+    Attributes:
+        x, y: the axes.
+        panel_parts: title, motions of boxes, and (n,) mask of rows of each panel.
+        values: (cells of y, cells of x) of each panel, in noise sd; NaN in empty cells.
+        shows_rms: whether the values are the rms of the rows in a cell instead of their mean.
+    """
+
+    x: MapAxis
+    y: MapAxis
+    panel_parts: list[tuple[str, tuple[str, ...], np.ndarray]]
+    values: list[np.ndarray]
+    shows_rms: bool
+
+
+def _build_cells(diagnosis: Diagnosis, channel_index: int) -> _MapCells:
+    """Return the cells of the map of a channel."""
+    coordinates = build_axes(diagnosis.problem)
+    residual = _compute_standard_residual(diagnosis)[channel_index]
+    x, y = _select_axes(diagnosis.problem, coordinates)
+    panel_parts = list(_list_motions(coordinates, np.isfinite(residual)))
+    parts = [np.where(rows, residual, np.nan) for _, _, rows in panel_parts]
+    shows_rms = diagnosis.is_detected and _cancels_in_cells(x, y, parts)
+    values = [
+        np.sqrt(_compute_cell_means(x, y, part**2)) if shows_rms else _compute_cell_means(x, y, part)
+        for part in parts
+    ]
+    return _MapCells(x, y, panel_parts, values, shows_rms)
+
+
+def format_map_caption(diagnosis: Diagnosis) -> str:
+    """Return the sentences below the map of the main channel: what the colours of its cells are."""
+    statistic, reason = "Mean", ""
+    if _build_cells(diagnosis, find_main_channel(diagnosis)).shows_rms:
+        statistic = "Root mean square"
+        reason = " A mean would be near zero, because positive and negative deviations are in the same cells."
+    frames = (
+        " Frames show the regions of the misfit."
+        if diagnosis.is_detected and diagnosis.mismatch_boxes
+        else ""
+    )
+    return (
+        f"{statistic} of measured − baseline in each cell, in standard deviations of the noise.{reason}"
+        f" Blank cells have no measurement. Point at a cell to read its value.{frames}"
+    )
+
+
+def _cancels_in_cells(x: MapAxis, y: MapAxis, parts: Sequence[np.ndarray]) -> bool:
+    """Return whether the means of the cells lack most of the misfit beyond noise.
+
+    Args:
+        x, y: axes of the map.
+        parts: (n,) deviation of each panel in noise sd; NaN outside its rows.
+    """
+    excess_of_means = excess = 0.0
+    for part in parts:
+        count, mean = _count_cell_rows(x, y, part), _compute_cell_means(x, y, part)
+        excess_of_means += float(np.nansum(count * mean**2) - np.sum(count > 0))
+        excess += float(np.nansum(part**2) - np.isfinite(part).sum())
+    return excess_of_means < _MIN_SHARE_OF_MEANS * excess
+
+
+def _plot_cells(
+    panel: Panel, x: MapAxis, y: MapAxis, values: np.ndarray, limits: tuple[float, float]
+) -> QuadMesh:
+    """Draw the cells; values without a sign have one hue."""
+    colours = matplotlib.colormaps["RdBu_r" if limits[0] < 0 else "Reds"]
+    mesh = panel.pcolormesh(x.edges, y.edges, values, cmap=colours, vmin=limits[0], vmax=limits[1])
     mesh.set_gid("mismatch")
     return mesh
 

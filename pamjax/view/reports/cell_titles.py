@@ -51,9 +51,11 @@ def _list_titles(mesh: QuadMesh, panel: Axes) -> Iterator[str]:
     corners = np.asarray(mesh.get_coordinates())
     x, y = corners[0, :, 0], corners[:, 0, 1]
     values = np.ma.filled(np.ma.asarray(mesh.get_array(), dtype=float), np.nan)
+    # An rms has no sign.
+    sign = "+" if mesh.get_clim()[0] < 0 else ""
     for row, line in enumerate(values.reshape(y.size - 1, x.size - 1)):
         for column, value in enumerate(line):
-            text = f"{value:+.1f} sd" if np.isfinite(value) else "no measurement"
+            text = f"{value:{sign}.1f} sd" if np.isfinite(value) else "no measurement"
             ranges = (
                 _format_range(panel, "x", x[column : column + 2]),
                 _format_range(panel, "y", y[row : row + 2]),

@@ -13,8 +13,10 @@ import numpy as np
 
 from pamjax.baselines.comparison import BASELINE_MODEL, MODEL_TITLES, ModelComparison
 from pamjax.channels import DISPLAY_UNIT, format_channel_value
+from pamjax.diagnosis.model_uses import list_model_uses
 from pamjax.diagnosis.result import Diagnosis, get_baseline_estimates
 from pamjax.diagnosis.settings import describe_settings
+from pamjax.diagnosis.unexplained import describe_unexplained_reason
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.form_errors.parts import MIN_SHOWN_EFFECT
 from pamjax.model.registry import find_mechanism
@@ -27,7 +29,7 @@ from pamjax.view.figures.diagnosis_loops import (
     plot_loops,
     select_shown_groups,
 )
-from pamjax.view.figures.mismatch_map import list_other_channels, plot_map
+from pamjax.view.figures.mismatch_map import format_map_caption, list_other_channels, plot_map
 from pamjax.view.reports.diagnosis_answer import (
     format_headline,
     format_p_value,
@@ -36,7 +38,6 @@ from pamjax.view.reports.diagnosis_answer import (
     list_answers,
     list_held_out_bars,
 )
-from pamjax.view.reports.model_uses import list_model_uses
 from pamjax.view.reports.page import Picture, build_picture, write_page
 from pamjax.view.wording import format_history, format_noise, format_signed
 
@@ -62,8 +63,9 @@ def write_diagnosis_report(
         answers=list_answers(diagnosis, comparison),
         bars=list_held_out_bars(diagnosis, comparison),
         p_value=format_p_value(diagnosis.mismatch.p_value),
-        residual_p_value=format_p_value(diagnosis.residual_test.p_value),
+        unexplained_reason=describe_unexplained_reason(diagnosis),
         map=_draw_picture(partial(plot_map, diagnosis, None), "map", has_title=False),
+        map_caption=format_map_caption(diagnosis),
         other_maps=[
             _draw_picture(partial(plot_map, diagnosis, c), f"map-{c}") for c in list_other_channels(diagnosis)
         ],

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from pamjax.baselines.comparison import MODEL_TITLES, SAROSI_MODEL, ModelComparison
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.diagnosis.notes import describe_values_at_limit
+from pamjax.diagnosis.estimates import order_estimates
+from pamjax.diagnosis.next_step import describe_next_step
+from pamjax.diagnosis.notes import describe_untested_effects, describe_values_at_limit
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.diagnosis.summary import format_named_estimate
+from pamjax.diagnosis.unexplained import describe_unexplained_reason
 from pamjax.model.registry import find_mechanism
 from pamjax.text import join_words
-from pamjax.view.reports.model_uses import list_model_uses
 from pamjax.view.wording import keep_units_with_numbers
 
 #: A p-value below this limit is shown as an upper bound.
@@ -58,7 +61,8 @@ def format_headline(diagnosis: Diagnosis) -> str:
     if diagnosis.is_faint:
         return "The baseline has a misfit that is too small to identify its cause"
     if not diagnosis.named_mechanisms:
-        return "The baseline has a misfit that no mechanism of the library explains"
+        tested = "" if diagnosis.problem.case.recording.has_time else "tested "
+        return f"The baseline has a misfit that no {tested}mechanism of the library explains"
     titles = join_words([_name_with_ties(mechanism) for mechanism in diagnosis.named_mechanisms])
     addition = "; part of the misfit is unexplained" if diagnosis.unexplained else ""
     return f"Missing from the baseline: {titles}{addition}"
@@ -83,13 +87,14 @@ def list_answers(diagnosis: Diagnosis, comparison: ModelComparison | None = None
     answers = [
         Answer("Missing" if diagnosis.is_detected else "Result", _describe_missing(diagnosis)),
         Answer("How sure", _describe_certainty(diagnosis)),
+        Answer("Not tested", _describe_untested_effects(diagnosis)),
         Answer("Where", _describe_location(diagnosis)),
         Answer(
             IMPROVEMENT_QUESTION if diagnosis.named_mechanisms else "Held-out error",
             (*_describe_held_out_errors(diagnosis), *_describe_better_formula(comparison)),
         ),
         Answer("Stated values", tuple(describe_values_at_limit(diagnosis.problem, diagnosis.model))),
-        Answer("Next", _describe_next_step(diagnosis)),
+        Answer("Next", describe_next_step(diagnosis)),
     ]
     return [
         Answer(answer.question, tuple(map(keep_units_with_numbers, answer.sentences)))
@@ -104,13 +109,16 @@ def _describe_missing(diagnosis: Diagnosis) -> tuple[str, ...]:
         return (f"The {diagnosis.problem.law} baseline explains this recording within its noise.",)
     sentences = []
     for mechanism in diagnosis.named_mechanisms:
-        estimates = list(diagnosis.parameters[mechanism.id].items())[:_MAX_SHOWN_ESTIMATES]
+        estimates = order_estimates(diagnosis.parameters[mechanism.id])[:_MAX_SHOWN_ESTIMATES]
         listed = ", ".join(format_named_estimate(name, estimate) for name, estimate in estimates)
         sentences.append(f"`{mechanism.id}`: {listed}.")
     if diagnosis.unexplained:
         likeness = f", similar to {diagnosis.likenesses[0].description}" if diagnosis.likenesses else ""
         share = "Below 1 %" if diagnosis.residual_share < 0.005 else format_percent(diagnosis.residual_share)
         sentences.append(f"{share} of the misfit is unexplained{likeness}.")
+        sentences += (
+            [_keep_p_value_whole(reason)] if (reason := describe_unexplained_reason(diagnosis)) else []
+        )
     if diagnosis.is_faint:
         sentences.append("The misfit is far below the noise of one row, so pamjax names no mechanism.")
     return tuple(sentences)
@@ -139,6 +147,11 @@ def _describe_probability(mechanism: NamedMechanism, is_named: bool) -> str:
         return f"{name}{probability if is_named else probability.capitalize()}; {rivals}."
     rivals = join_words([f"`{rival}`" for rival in mechanism.indistinguishable])
     return f"{name}This recording cannot distinguish it from {rivals}. Any of them: {probability}."
+
+
+def _describe_untested_effects(diagnosis: Diagnosis) -> tuple[str, ...]:
+    effects = describe_untested_effects(diagnosis.problem)
+    return (effects,) if effects else ()
 
 
 def _describe_location(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -199,27 +212,6 @@ def list_held_out_bars(diagnosis: Diagnosis, comparison: ModelComparison | None 
     return bars
 
 
-def _describe_next_step(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return the most useful next step."""
-    if diagnosis.experiments:
-        experiment = diagnosis.experiments[0]
-        separates = join_words([f"`{id}`" for id in experiment.separates])
-        return (
-            f"Run this: {experiment.protocol}.",
-            f"It separates {separates} with probability {experiment.power:.2f}.",
-        )
-    tied = next((m for m in diagnosis.named_mechanisms if m.indistinguishable), None)
-    if tied is not None:
-        return (f"To separate them: {find_mechanism(tied.id).about.experiment}",)
-    if diagnosis.unexplained:
-        return ("Check the rig and the muscle in the regions of the unexplained part, then record again.",)
-    if diagnosis.is_faint:
-        return ("Use the baseline, or record more cycles: a longer recording can identify a smaller effect.",)
-    if diagnosis.named_mechanisms and not diagnosis.held_out_errors.baseline_rmse:
-        return ("Record at least three pressures, so that a block can be held out.",)
-    return tuple(f"{use}: `{command}`." for use, command in list_model_uses(diagnosis)[:1])
-
-
 def format_p_value(p: float) -> str:
     """Return a p-value as text with non-breaking spaces.
 
@@ -229,6 +221,11 @@ def format_p_value(p: float) -> str:
     return (f"p < {_MIN_SHOWN_P_VALUE:g}" if p < _MIN_SHOWN_P_VALUE else f"p = {p:.2g}").replace(
         " ", "\u00a0"
     )
+
+
+def _keep_p_value_whole(text: str) -> str:
+    """Return a sentence in which no line breaks within a p-value."""
+    return re.sub(r"\bp ([=<]) ", "p\u00a0\\1\u00a0", text)
 
 
 def format_probability(probability: float) -> str:

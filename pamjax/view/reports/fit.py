@@ -27,6 +27,7 @@ from pamjax.infer.fitting.report import (
     format_case_notes,
     format_correlations,
     format_estimate,
+    format_fitted_value,
     format_form_errors,
     format_minimiser_state,
     format_misfit,
@@ -50,6 +51,8 @@ from pamjax.view.wording import (
 MAX_NAMED = 3
 #: Largest number of isobars or lengths that the page can show one by one.
 _MAX_GROUP_CHOICES = 12
+#: First words above the headline.
+_KICKER = "Fit of"
 #: Share of the range of a channel above which an rms error is no noise of a sensor.
 _LARGE_ERROR_SHARE = 0.1
 
@@ -67,7 +70,7 @@ def write_fit_report(fit: Fit, path: str | Path, command: str = "pamjax fit") ->
         path,
         "fit.html.jinja",
         title=format_headline(fit),
-        kicker=f"Fit of {join_words([case_fit.case.name for case_fit in fit.cases])} · {format_model(fit)}",
+        kicker=f"{_KICKER} {join_words([each.case.name for each in fit.cases])} · {format_model(fit)}",
         answer=(
             format_agreement(fit),
             _format_estimates(estimates),
@@ -79,7 +82,7 @@ def write_fit_report(fit: Fit, path: str | Path, command: str = "pamjax fit") ->
         rows=[
             [
                 n,
-                format_estimate(estimate.value, estimate.sd, estimate.meaning.show),
+                format_fitted_value(estimate),
                 describe_origin(estimate),
                 estimate.meaning.about,
             ]
@@ -93,6 +96,11 @@ def write_fit_report(fit: Fit, path: str | Path, command: str = "pamjax fit") ->
         assumptions=list(_list_assumptions(fit)),
         command=command,
     )
+
+
+def is_fit_report(path: Path) -> bool:
+    """Return whether a file is the report of a fit."""
+    return path.is_file() and f'<p class="kicker">{_KICKER} ' in path.read_text("utf-8", errors="replace")
 
 
 def _list_next_steps(fit: Fit, estimates: Mapping[str, Estimate]) -> Iterator[str]:

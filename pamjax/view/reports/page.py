@@ -126,13 +126,26 @@ def _add_line_breaks(name: str) -> Markup:
     return Markup(re.sub(r"\.(?=[a-z])", ".<wbr>", str(escape(name))))
 
 
+def _keep_options_whole(command: str) -> Markup:
+    """Return a command in which no line breaks inside an option, because browsers break after hyphens.
+
+    >>> str(_keep_options_whole("pamjax fit mine --out next"))
+    'pamjax fit mine <span class="option">--out</span> next'
+    """
+    return Markup(re.sub(r"(?<!\S)--?[a-z-]+", r'<span class="option">\g<0></span>', str(escape(command))))
+
+
 def _format_code_spans(text: str) -> Markup:
     """Return a text in which parts between backticks are code.
 
-    >>> str(_format_code_spans("use `--to`"))
-    'use <code>--to</code>'
+    >>> str(_format_code_spans("use `plan`"))
+    'use <code>plan</code>'
     """
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
+    parts = re.split(r"`([^`]+)`", text)
+    return Markup("").join(
+        Markup("<code>{}</code>").format(_keep_options_whole(part)) if k % 2 else escape(part)
+        for k, part in enumerate(parts)
+    )
 
 
 def write_page(path: str | Path, template: str, **context: Any) -> Path:
@@ -151,6 +164,7 @@ def write_page(path: str | Path, template: str, **context: Any) -> Path:
         lstrip_blocks=True,
     )
     environment.filters["breakable"] = _add_line_breaks
+    environment.filters["command"] = _keep_options_whole
     environment.filters["code_spans"] = _format_code_spans
     text = environment.get_template(template).render(versions=_collect_versions(), **context)
     with write_atomically(path) as temporary:

@@ -7,10 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pamjax.cli.commands.diagnose import _format_closing_lines
 from pamjax.cli.main import main
 from pamjax.errors import BadInput
 from tests.view.html_page import Page
-from tests.view.made_up import diagnosis
+from tests.view.made_up import diagnosis, planned
 
 
 @pytest.mark.slow
@@ -61,10 +62,25 @@ def test_report_is_optional(wanted, bench, tmp_path, monkeypatch, capsys):
     printed = capsys.readouterr()
     assert f"wrote {tmp_path}/bench/: {', '.join(names)}" in printed.err
     assert "Sárosi" in printed.out
+    folder = tmp_path / "bench"
+    assert printed.out.splitlines()[-2:] == [
+        f"results: {folder / ('report.html' if wanted else 'diagnosis.json')}",
+        f"next: Test the model on another recording: `pamjax validate {folder}/model.json OTHER`.",
+    ]
     if wanted:
         page = Page((tmp_path / "bench" / "report.html").read_text("utf-8"))
         assert "empirical formula and a Gaussian process" in page.text
         assert f"pamjax {shlex.join(words)}" in page.text
+
+
+def test_next_step_is_the_experiment_of_the_summary(tmp_path):
+    lines = _format_closing_lines(diagnosis(experiments=(planned(),)), tmp_path, report=True)
+    assert lines[-1] == "next: run the experiment above, and diagnose its recording"
+
+
+def test_next_command_quotes_its_path(tmp_path):
+    *_, line = _format_closing_lines(diagnosis(), tmp_path / "my bench", report=True)
+    assert f"'{tmp_path / 'my bench'}/model.json'" in line
 
 
 def test_invalid_cases_are_reported_and_the_others_are_diagnosed(bench, tmp_path, monkeypatch, capsys):

@@ -9,6 +9,7 @@ import pytest
 from pamjax.diagnosis.checks import CheckedSelection, _doubt_failed_prediction
 from pamjax.diagnosis.crossval import confirm_selection
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
+from pamjax.diagnosis.unexplained import UnexplainedReason
 from tests.view.made_up import diagnosis
 
 #: By the mechanisms in the model: predicted fraction of each, and excess χ² of left-out blocks without it.
@@ -72,8 +73,9 @@ def test_an_increased_held_out_error_reduces_the_certainty(factor, is_doubted):
         model_rmse={"force": factor * 12.0},
         held_out_mask=np.ones(100, bool),
     )
-    before = CheckedSelection(result.selection, result.residual_test, unexplained=False)
+    before = CheckedSelection(result.selection, result.residual_test)
     after = _doubt_failed_prediction(SimpleNamespace(problem=result.problem), before, errors)  # type: ignore[arg-type]
     assert after.unexplained == is_doubted
+    assert after.unexplained_reason == (UnexplainedReason.INCREASED_ERROR if is_doubted else None)
     probabilities = [s.selection.named_mechanisms[0].probability for s in (before, after)]
     assert (probabilities[1] < probabilities[0]) == is_doubted

@@ -5,7 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.noise.noise_ratios import compute_noise_ratios, format_noise_notes
+from pamjax.diagnosis.noise.noise_ratios import (
+    compute_noise_ratios,
+    format_noise_notes,
+    list_unstated_inputs,
+)
 from tests.diagnosis.bank import replace_readings, simulate_without_noise
 
 #: Force noise, N, in a recording of 438 rows: its ratio is estimated to some 4 %.
@@ -40,6 +44,21 @@ def test_note_names_the_channel_and_the_factor():
     (note,) = format_noise_notes({"force": 1.4, "diameter": 0.95}, 1.15)
     assert "force is 1.40 times" in note
     assert "[sensors]" in note
+
+
+def test_note_names_unstated_inputs_as_a_possible_cause():
+    ratios = {"force": 1.4, "diameter": 0.5}
+    more, less = format_noise_notes(ratios, 1.15, ["pressure", "length"])
+    assert more.endswith("The noise of pressure and length adds to it, and is not stated there.")
+    assert less.endswith("check `[sensors]`.")
+
+
+def test_inputs_without_a_stated_noise_are_listed():
+    case = build_problem(1.0).case
+    assert list_unstated_inputs(case) == []
+    sensors = replace(case.muscle_toml.sensors, length=None)
+    muscle_toml = replace(case.muscle_toml, sensors=sensors)
+    assert list_unstated_inputs(replace(case, muscle_toml=muscle_toml)) == ["length"]
 
 
 def test_ratio_of_a_sensor_without_stated_noise_is_undefined():

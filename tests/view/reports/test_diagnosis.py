@@ -13,6 +13,7 @@ import pytest
 
 from pamjax.baselines.comparison import ComparisonSplit, ModelComparison
 from pamjax.diagnosis.estimates import ParameterEstimate
+from pamjax.diagnosis.model_uses import list_model_uses
 from pamjax.diagnosis.settings import DiagnosisSettings, describe_settings
 from pamjax.diagnosis.summary import format_named_estimate
 from pamjax.model.parameters import find_meaning
@@ -24,8 +25,7 @@ from pamjax.view.reports.diagnosis import (
     _list_shifts,
     write_diagnosis_report,
 )
-from pamjax.view.reports.diagnosis_answer import format_headline, list_answers, list_held_out_bars
-from pamjax.view.reports.model_uses import list_model_uses
+from pamjax.view.reports.diagnosis_answer import list_answers, list_held_out_bars
 from pamjax.view.reports.page import render_svg
 from pamjax.view.wording import format_noise
 from tests.view.html_page import Page
@@ -189,27 +189,6 @@ def test_long_names_wrap_and_wide_tables_are_marked(page):
     assert re.search(r"\.scroll \{[^}]*no-repeat local[^}]*no-repeat scroll", read_report("friction"))
 
 
-def answers_of(result):
-    """Return the sentences of the first screen, by question."""
-    return {a.question: " ".join(a.sentences).replace("\u00a0", " ") for a in list_answers(result)}
-
-
-def test_first_screen_answers_five_questions_in_order():
-    result = diagnosis()
-    assert format_headline(result) == "Missing from the baseline: friction between braid threads"
-    answers = answers_of(result)
-    assert list(answers) == ["Missing", "How sure", "Where", "How much better", "Next"]
-    assert answers["Missing"] == "`braid_friction`: coefficient 0.210 ± 0.010."
-    assert answers["How sure"].startswith("Probability 0.98; no other mechanism explains")
-    assert "p < 1e-12" in answers["How sure"]
-    assert answers["Where"].startswith("Above 100 kPa")
-    before, after = (
-        s["force"] for s in (result.held_out_errors.baseline_rmse, result.held_out_errors.model_rmse)
-    )
-    assert f"force {before:.3g} → {after:.3g} N (noise 2 N); diameter" in answers["How much better"]
-    assert "pamjax validate model.json OTHER" in answers["Next"]
-
-
 def test_questions_precede_the_map_and_the_evidence():
     text = read_report("friction")
     places = [
@@ -245,50 +224,6 @@ def test_a_formula_with_a_smaller_error_is_on_the_first_screen(share, is_shown):
     (bar,) = list_held_out_bars(result, comparison)
     assert ("Sárosi's formula" in [label for label, _, _ in bar.rows]) == is_shown
     assert ("interpolate with it" in str(comparison)) == is_shown
-
-
-@pytest.mark.parametrize(
-    ("options", "title", "question", "sentence"),
-    [
-        (
-            {"detected": False},
-            "The baseline has no misfit beyond the noise",
-            "How sure",
-            "Global test of the baseline: p = 0.43. pamjax reports a misfit only below p = 0.01."
-            " Noise alone is below this limit in 1 % of recordings.",
-        ),
-        (
-            {"named": False, "unexplained": True},
-            "The baseline has a misfit that no mechanism of the library explains",
-            "Missing",
-            "12 % of the misfit is unexplained, similar to a stop beyond 12.0 % contraction.",
-        ),
-        (
-            {"named": False},
-            "The baseline has a misfit that is too small to identify its cause",
-            "Missing",
-            "so pamjax names no mechanism",
-        ),
-        (
-            {"unexplained": True},
-            "Missing from the baseline: friction between braid threads; part of the misfit is unexplained",
-            "Next",
-            "Check the rig and the muscle",
-        ),
-        (
-            {"ties": ("channel_lag",), "experiments": (planned(),)},
-            "Missing from the baseline: friction between braid threads"
-            " (or time delay between force and the other channels)",
-            "Next",
-            "Run this: stroke at 1 and at 50 mm/s. It separates",
-        ),
-    ],
-    ids=["null", "unknown", "faint", "partly", "tied"],
-)
-def test_first_screen_of_other_results(options, title, question, sentence):
-    result = diagnosis(**options)
-    assert format_headline(result) == title
-    assert sentence in answers_of(result)[question]
 
 
 def test_pointer_shows_the_value_of_each_cell():

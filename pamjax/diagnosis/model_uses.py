@@ -8,18 +8,23 @@ from pamjax.diagnosis.result import Diagnosis
 from pamjax.records.recording import Recording
 
 
-def list_model_uses(diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """Return uses of `model.json`, each with its command."""
+def list_model_uses(diagnosis: Diagnosis, model: str = "model.json") -> list[tuple[str, str]]:
+    """Return uses of the improved model, each with its command.
+
+    Args:
+        diagnosis: the diagnosis.
+        model: path of model.json, as text for a shell.
+    """
     recording = diagnosis.problem.case.recording
-    simulate = ("Simulate a protocol", "pamjax simulate model.json PROTOCOL.toml --out simulated")
+    simulate = ("Simulate a protocol", f"pamjax simulate {model} PROTOCOL.toml --out simulated")
     if recording.measures_length:
         return [simulate]
     force, length = _choose_state(recording)
     # No exponent, as 1.49e+03 would have.
     force_text = f"{force:.0f} N" if force >= 100 else f"{force:.3g} N"
-    command = f'pamjax inverse model.json --force "{force_text}" --length "{1e3 * length:.4g} mm"'
+    command = f'pamjax inverse {model} --force "{force_text}" --length "{1e3 * length:.4g} mm"'
     return [
-        ("Test the model on another recording", "pamjax validate model.json OTHER"),
+        ("Test the model on another recording", f"pamjax validate {model} OTHER"),
         ("Compute the pressure for a force at a length", command),
         simulate,
     ]

@@ -1,0 +1,53 @@
+"""The checks state why a part of the misfit counts as unexplained."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+from pamjax.diagnosis import checks
+from pamjax.diagnosis.checks import CheckedSelection, cross_validate_on_blocks
+from pamjax.diagnosis.unexplained import UnexplainedReason
+from tests.view.made_up import diagnosis
+
+
+def build_training(result):
+    return SimpleNamespace(
+        problem=result.problem, blocks=None, mask=None, seed=0, mismatch=result.mismatch, is_detected=True
+    )
+
+
+@pytest.mark.parametrize(
+    ("earlier", "expected"),
+    [
+        (None, UnexplainedReason.LEFT_OUT_BLOCKS),
+        (UnexplainedReason.TEMPLATE, UnexplainedReason.TEMPLATE),
+    ],
+)
+def test_blocks_that_are_not_predicted_are_the_reason(earlier, expected, monkeypatch):
+    result = diagnosis()
+    monkeypatch.setattr(checks, "cross_validate_selection", lambda *_: (result.selection, False))
+    before = CheckedSelection(result.selection, result.residual_test, unexplained_reason=earlier)
+    after = cross_validate_on_blocks(build_training(result), before)
+    assert after.unexplained
+    assert after.unexplained_reason is expected
+
+
+@pytest.mark.parametrize(
+    ("p_value", "notes", "expected"),
+    [
+        (1e-9, [], UnexplainedReason.RESIDUAL),
+        (1e-9, ["replaced"], UnexplainedReason.RESIDUAL),
+        (0.86, ["replaced"], UnexplainedReason.TEMPLATE),
+        (0.86, [], None),
+    ],
+)
+def test_residual_test_and_templates_are_reasons(p_value, notes, expected, monkeypatch):
+    result = diagnosis()
+    residual_test = replace(result.residual_test, p_value=p_value, mean_square=50.0)
+    monkeypatch.setattr(checks, "run_residual_test", lambda *_: residual_test)
+    monkeypatch.setattr(checks, "add_form_errors", lambda _, fit: fit)
+    model = SimpleNamespace(mechanisms=("friction",))
+    after = checks._test_selection(build_training(result), replace(result.selection, model=model), notes)
+    assert after.unexplained == (expected is not None)
+    assert after.unexplained_reason is expected
