@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import itertools
 import os
 import re
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ from pamjax.errors import BadInput
 from pamjax.notebook import NotebookText
 from pamjax.records.case import Case, read_case
 from pamjax.records.files import decode_text, read_bytes
+from pamjax.records.importing.blank_cells import BlankCells, format_notes
 from pamjax.records.importing.import_spec import LENGTH_SOURCES, ImportSpec, TestTable, read_import_spec
 from pamjax.records.importing.rig_file import RigFile
 from pamjax.records.reading.header import COLUMN_KINDS
@@ -36,6 +38,9 @@ _EXAMPLE_NOTE = (
 #: Order in which channels are read; the file of the first one determines the time of a test.
 _CHANNEL_ORDER = ("force", "pressure", "length", *LENGTH_SOURCES, "diameter", "cycle")
 
+#: Channels that need a number in every row.
+_CHANNELS_WITHOUT_BLANKS = ("time", "cycle")
+
 
 @dataclass(frozen=True, repr=False)
 class ImportResult(NotebookText):
@@ -46,12 +51,14 @@ class ImportResult(NotebookText):
         tests: names of each test's files, in the order of the recording.
         samples: number of samples before the median filter.
         tare: lowest and highest tare reading of all tests, and the true value, for each channel; SI.
+        notes: notes about the cells of the files, one sentence or two each.
     """
 
     case: Case
     tests: tuple[str, ...]
     samples: int
     tare: dict[str, tuple[float, float, float]]
+    notes: tuple[str, ...] = ()
 
     @property
     def has_example_values(self) -> bool:
@@ -74,9 +81,11 @@ class ImportResult(NotebookText):
         for name in recording.channels:
             if blank := int(np.isnan(getattr(recording, name)).sum()):
                 lines.append(f"  {format_count(blank, 'row')} without {name}")
-        if self.has_example_values:
-            lines.append(f"  note: {_EXAMPLE_NOTE}")
-        return "\n".join(lines)
+        return "\n".join(lines + [f"  note: {note}" for note in self._all_notes])
+
+    @property
+    def _all_notes(self) -> list[str]:
+        return [*self.notes, *([_EXAMPLE_NOTE] if self.has_example_values else [])]
 
     def as_dict(self) -> dict:
         """Return the result as a dictionary, for JSON."""
@@ -86,7 +95,7 @@ class ImportResult(NotebookText):
             "samples": self.samples,
             "tests": list(self.tests),
             "tare": {n: dict(zip(("low", "high", "true"), v, strict=True)) for n, v in self.tare.items()},
-            "warnings": [*self.case.warnings, *([_EXAMPLE_NOTE] if self.has_example_values else [])],
+            "warnings": [*self.case.warnings, *self._all_notes],
         }
 
 
@@ -115,9 +124,10 @@ def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
     muscle = read_bytes(base_folder / spec.muscle)
     rest_length = read_muscle_toml(muscle, Path(spec.muscle).name).rest_length.value
     tests = [(files, test) for test in spec.tests for files in _find_files(test, base_folder)]
-    pieces, tare_readings = zip(
+    pieces, tare_readings, blanks = zip(
         *(_read_test(spec, files, test, rest_length) for files, test in tests), strict=True
     )
+    notes = format_notes(itertools.chain.from_iterable(blanks))
     recording = _join_tests(pieces, spec)
     text = decode_text(muscle, Path(spec.muscle).name)
     # An invalid case is not written: read it first in a temporary folder.
@@ -126,13 +136,14 @@ def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
         try:
             read_case(Path(trial_folder) / "case")
         except BadInput as error:
-            raise BadInput(f"the case of {rig.name} is invalid and was not written: {error}") from error
+            message = " ".join([f"{error}", *(f"Note: {note}" for note in notes)])
+            raise BadInput(f"the case of {rig.name} is invalid and was not written: {message}") from error
     write_case(folder, recording, text)
     names = tuple(
         _FILE_SEPARATOR.join(dict.fromkeys(path.name for path in files.values())) for files, _ in tests
     )
     samples = sum(len(piece["pressure"]) for piece in pieces)
-    return ImportResult(read_case(folder), names, samples, _summarise_tare(spec, tare_readings))
+    return ImportResult(read_case(folder), names, samples, _summarise_tare(spec, tare_readings), notes)
 
 
 def _summarise_tare(
@@ -190,8 +201,8 @@ def _build_sort_key(text: str) -> list:
 
 def _read_test(
     spec: ImportSpec, paths: dict[str, Path], test: TestTable, rest_length: float
-) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-    """Return the channels of one test, SI, tared, with time from 0; and the tare readings.
+) -> tuple[dict[str, np.ndarray], dict[str, float], list[BlankCells]]:
+    """Return the channels of one test, SI, tared, with time from 0; the tare readings; and blank cells.
 
     Args:
         spec: the import specification.
@@ -201,10 +212,12 @@ def _read_test(
     """
     rig_files = {channel: RigFile(path, spec.files) for channel, path in paths.items()}
     columns: dict[str, np.ndarray] = {}
+    blanks: list[BlankCells] = []
     clock: np.ndarray | None = None
     for name in (name for name in _CHANNEL_ORDER if name in spec.columns):
         file = rig_files.get(name) or rig_files[""]
         values, time = _read_channel(spec, name, file), _read_clock(spec, file)
+        blanks += file.find_blanks(spec.columns[name].column)
         clock = time if clock is None else clock
         first_channel = next(iter(columns.values()), values)
         row_count = len(first_channel) if clock is None else len(values)
@@ -226,12 +239,14 @@ def _read_test(
             columns[name] = np.full(n, parse_quantity(text, COLUMN_KINDS[name], f"[[tests]] {name}"))
     if clock is not None:
         columns["time"] = clock - clock[0]
-    return _subtract_tare(columns, spec, next(iter(paths.values())).name)
+    return *_subtract_tare(columns, spec, next(iter(paths.values())).name), blanks
 
 
 def _read_channel(spec: ImportSpec, name: str, file: RigFile) -> np.ndarray:
     column = spec.columns[name]
-    readings = file[column.column]
+    readings, blanks = file[column.column], file.find_blanks(column.column)
+    if blanks and name in _CHANNELS_WITHOUT_BLANKS:
+        raise blanks[0].build_error(name)
     factor = column.to_si(name, file.find_header(column.column), f"[columns] {name}")
     with np.errstate(over="ignore", invalid="ignore"):
         values = (readings - column.zero) * factor

@@ -13,9 +13,10 @@ import pandas as pd
 
 from pamjax.errors import BadInput, format_printable, suggest_word
 from pamjax.records.files import decode_text, read_bytes
+from pamjax.records.importing.blank_cells import SAVE_REMEDY, BlankCells, is_blank_text
 from pamjax.records.importing.import_spec import FilesTable
 from pamjax.records.importing.mat_file import read_mat
-from pamjax.records.importing.spreadsheet import read_sheet
+from pamjax.records.importing.spreadsheet import Sheet, read_sheet
 from pamjax.records.importing.unit_line import add_units, is_unit
 from pamjax.records.quotation_marks import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
 from pamjax.records.reading.header import split_title
@@ -23,7 +24,7 @@ from pamjax.records.reading.header import split_title
 #: A number such as 1.130,0 or 1 130: the mark of thousands, and the decimal mark if there is one.
 _THOUSANDS_PATTERN = re.compile(r"[+-]?\d{1,3}(?:([.,' ])\d{3})(?:\1\d{3})*(?:(?!\1)([.,])\d*)?")
 
-_CELL_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan", re.IGNORECASE)
+_CELL_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 #: A number with a decimal comma.
 _COMMA_PATTERN = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
@@ -52,12 +53,16 @@ class RigFile:
         self._format = file_format
         #: First lines of a text file.
         self._first_lines: list[str] = []
+        self._sheet: Sheet | None = None
+        #: Numbers and blank cells of each column that was read, by header and name in messages.
+        self._parsed_columns: dict[tuple[str, str], tuple[np.ndarray, list[BlankCells]]] = {}
         raw = read_bytes(path)
         if path.suffix.lower() == ".mat":
             self._columns = read_mat(path, file_format.matrix)
         elif path.suffix.lower() == ".xlsx":
             self.lines_above = file_format.lines_above
-            self._columns = read_sheet(path, file_format)
+            self._sheet = read_sheet(path, file_format)
+            self._columns = self._sheet.columns
         else:
             text = decode_text(raw, self.name, file_format.encoding, _ENCODING_REMEDY)
             self._columns = self._read_text(split_lines(text), file_format)
@@ -68,8 +73,15 @@ class RigFile:
         Raises:
             BadInput: if there is no such column, or if it contains other text.
         """
-        shown = f"{column}" if isinstance(column, int) else f"`{column}`"
-        return self._parse_cells(self._columns[self.find_header(column)], shown)
+        return self._parse_column(column)[0]
+
+    def find_blanks(self, column: int | str) -> list[BlankCells]:
+        """Return the texts and the formulas of a column that are read as blank.
+
+        Raises:
+            BadInput: as for the numbers of the column.
+        """
+        return self._parse_column(column)[1]
 
     def find_header(self, column: int | str) -> str:
         """Return the header of a column, with its unit if the file states one.
@@ -115,16 +127,43 @@ class RigFile:
                 return f"Line {k + 1} has it: write skip = {k} in [files]."
         return ""
 
-    def _parse_cells(self, cells: Any, column: str) -> np.ndarray:
+    def _parse_column(self, column: int | str) -> tuple[np.ndarray, list[BlankCells]]:
+        """Return the numbers of a column, (n,), NaN where blank, and the blank cells that are not empty."""
+        shown = f"{column}" if isinstance(column, int) else f"`{column}`"
+        key = self.find_header(column), shown
+        if key not in self._parsed_columns:
+            values, texts = self._parse_cells(self._columns[key[0]], shown)
+            blanks = self._find_formulas(*key, values) if np.isnan(values).any() else []
+            if texts:
+                row, text = next(iter(texts.items()))
+                blanks.append(BlankCells(shown, self.locate_row(row), len(texts), text))
+            self._parsed_columns[key] = values, blanks
+        return self._parsed_columns[key]
+
+    def _find_formulas(self, header: str, shown: str, values: np.ndarray) -> list[BlankCells]:
+        """Return the formulas of a column that have no stored value."""
+        rows = self._sheet.find_formulas(header) if self._sheet else []
+        if not rows:
+            return []
+        if np.isnan(values).all():
+            rule = f"column {shown} of {self.name} must have a number"
+            raise BadInput.from_rule(rule, "only formulas without a stored value", remedy=SAVE_REMEDY)
+        return [BlankCells(shown, self.locate_row(rows[0]), len(rows))]
+
+    def _parse_cells(self, cells: Any, column: str) -> tuple[np.ndarray, dict[int, str]]:
+        """Return the numbers of the cells, (n,), and the texts by row that state a missing value."""
         if isinstance(cells, np.ndarray) and cells.dtype.kind in "biuf":
-            return cells.astype(float)
+            return cells.astype(float), {}
         # One cell that is no number makes a column of texts, so the marks are replaced here.
         # A spreadsheet has numbers in its other cells, which have no marks.
         raw_texts = ["" if pd.isna(cell) else str(cell).strip() for cell in cells]
+        blank_texts = {i: text for i, text in enumerate(raw_texts) if text and is_blank_text(text)}
         texts = [
             text if isinstance(cell, int | float) else self._replace_marks(text)
             for cell, text in zip(cells, raw_texts, strict=True)
         ]
+        for i in blank_texts:
+            texts[i] = ""
         invalid = [i for i, cell in enumerate(texts) if cell and not _CELL_PATTERN.fullmatch(cell)]
         if invalid:
             cell = raw_texts[invalid[0]]
@@ -133,7 +172,7 @@ class RigFile:
             has_unit = invalid[0] == 0 and self._format.header and not self._format.units and is_unit(cell)
             remedy = _UNITS_REMEDY if has_unit else _suggest_format(cell)
             raise BadInput.from_rule(rule, got, self.locate_row(invalid[0]), remedy)
-        return np.array([cell or "nan" for cell in texts], dtype=float)
+        return np.array([cell or "nan" for cell in texts], dtype=float), blank_texts
 
     def _replace_marks(self, cell: str) -> str:
         """Return a cell without marks of thousands, and with a decimal point."""
@@ -193,6 +232,10 @@ def _read_csv(lines: list[str], file_format: FilesTable, file: str) -> dict[str,
                 skiprows=file_format.skipped_lines,
                 skip_blank_lines=False,
                 skipinitialspace=True,
+                # A text such as "n/a" is read as blank with a note, so pandas must not blank it.
+                keep_default_na=False,
+                na_values=[""],
+                low_memory=False,
             )
     except (pd.errors.ParserError, pd.errors.ParserWarning, pd.errors.EmptyDataError) as error:
         raise BadInput.from_rule(
