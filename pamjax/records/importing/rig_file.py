@@ -14,12 +14,14 @@ import pandas as pd
 from pamjax.errors import BadInput, format_printable, suggest_word
 from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.blank_cells import SAVE_REMEDY, BlankCells, is_blank_text
+from pamjax.records.importing.header_line import suggest_header_line, suggest_line_with
 from pamjax.records.importing.import_spec import FilesTable
 from pamjax.records.importing.mat_file import read_mat
-from pamjax.records.importing.spreadsheet import Sheet, read_sheet
+from pamjax.records.importing.spreadsheet import MAX_SEARCHED_LINES, WITHOUT_HEADER, Sheet, read_sheet
 from pamjax.records.importing.unit_line import add_units, is_unit
 from pamjax.records.quotation_marks import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
 from pamjax.records.reading.header import split_title
+from pamjax.units import format_count
 
 #: A number such as 1.130,0 or 1 130: the mark of thousands, and the decimal mark if there is one.
 _THOUSANDS_PATTERN = re.compile(r"[+-]?\d{1,3}(?:([.,' ])\d{3})(?:\1\d{3})*(?:(?!\1)([.,])\d*)?")
@@ -29,13 +31,11 @@ _CELL_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 #: A number with a decimal comma.
 _COMMA_PATTERN = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
 
-#: Number of lines in which a missing column is searched.
-_MAX_SEARCHED_LINES = 100
-
 _UNITS_REMEDY = "If this line contains the units, write units = true in [files]."
 _ENCODING_REMEDY = 'If Excel wrote it, write encoding = "cp1252" in [files]. Otherwise save it as UTF-8.'
 
 _SEPARATORS = {",": ",", ";": ";", "tab": "\t", "space": r"\s+"}
+_TEXT_MARKS = _SEPARATORS | {"space": " "}
 
 
 class RigFile:
@@ -51,8 +51,9 @@ class RigFile:
         #: Number of lines above the first row of numbers; the rows of a MAT file count from 1.
         self.lines_above = 0
         self._format = file_format
-        #: First lines of a text file.
+        #: First lines of a text file or of a sheet, and their separator.
         self._first_lines: list[str] = []
+        self._mark = "\t"
         self._sheet: Sheet | None = None
         #: Numbers and blank cells of each column that was read, by header and name in messages.
         self._parsed_columns: dict[tuple[str, str], tuple[np.ndarray, list[BlankCells]]] = {}
@@ -60,8 +61,8 @@ class RigFile:
         if path.suffix.lower() == ".mat":
             self._columns = read_mat(path, file_format.matrix)
         elif path.suffix.lower() == ".xlsx":
-            self.lines_above = file_format.lines_above
             self._sheet = read_sheet(path, file_format)
+            self.lines_above, self._first_lines = self._sheet.lines_above, self._sheet.first_lines
             self._columns = self._sheet.columns
         else:
             text = decode_text(raw, self.name, file_format.encoding, _ENCODING_REMEDY)
@@ -92,20 +93,16 @@ class RigFile:
         if isinstance(column, int):
             names = list(self._columns)
             if column > len(names):
-                rule = f"{self.name} must have a column {column}"
-                got = f"{len(names)} columns"
-                raise BadInput.from_rule(
-                    rule, got, remedy="Columns count from 1. Check `separator` in [files]."
-                )
+                rule, got = f"{self.name} must have a column {column}", format_count(len(names), "column")
+                remedy = self._suggest_table() or "Columns count from 1. Check `separator` in [files]."
+                raise BadInput.from_rule(rule, got, remedy=remedy)
             return names[column - 1]
         plain = {split_title(name)[0]: name for name in self._columns}
         header = column if column in self._columns else plain.get(column, "")
         if not header:
-            raise BadInput.from_rule(
-                f"{self.name} must have a column `{column}`",
-                "none",
-                remedy=self._suggest_skip(column) or suggest_word(column, self._columns),
-            )
+            known_line = suggest_line_with(self._first_lines, self._mark, self.lines_above, column)
+            remedy = known_line or self._suggest_line() or self._suggest_name(column)
+            raise BadInput.from_rule(f"{self.name} must have a column `{column}`", "none", remedy=remedy)
         return header
 
     def locate_row(self, index: int) -> str:
@@ -117,15 +114,26 @@ class RigFile:
         comment_lines = _count_comment_lines(lines[file_format.skip :], file_format.header)
         file_format = file_format.model_copy(update={"skip": file_format.skip + comment_lines})
         self.lines_above = file_format.lines_above
-        self._first_lines = lines[:_MAX_SEARCHED_LINES]
-        return _read_csv(lines, file_format, self.name)
+        self._first_lines = lines[:MAX_SEARCHED_LINES]
+        self._mark = _TEXT_MARKS[file_format.separator]
+        return _read_csv(lines, file_format, self.name, self._suggest_line())
 
-    def _suggest_skip(self, column: str) -> str:
-        """Return the remedy if a later line of a text file has the column; else an empty string."""
-        for k, line in enumerate(self._first_lines[self.lines_above :], self.lines_above):
-            if column in line:
-                return f"Line {k + 1} has it: write skip = {k} in [files]."
-        return ""
+    def _suggest_line(self) -> str:
+        """Return the remedy if the header seems to be in a later line; else an empty string."""
+        if not self._format.header:
+            return ""
+        current = self.lines_above - 1 - self._format.units
+        return suggest_header_line(self._first_lines, self._mark, current)
+
+    def _suggest_table(self) -> str:
+        """Return the remedy if the table seems to be in later lines or in another sheet; else ""."""
+        return self._suggest_line() or (self._sheet.suggest_sheet() if self._sheet else "")
+
+    def _suggest_name(self, column: str) -> str:
+        """Return the remedy for a header that is in no line: the most similar one, and other sheets."""
+        names = [name for name in self._columns if not name.startswith(WITHOUT_HEADER)]
+        sheets = self._sheet.suggest_sheet() if self._sheet else ""
+        return f"{suggest_word(column, names) if names else ''} {sheets}".strip()
 
     def _parse_column(self, column: int | str) -> tuple[np.ndarray, list[BlankCells]]:
         """Return the numbers of a column, (n,), NaN where blank, and the blank cells that are not empty."""
@@ -170,7 +178,7 @@ class RigFile:
             rule = f"column {column} must contain only numbers or blanks"
             got = repr(format_printable(cell, MAX_CELL_CHARACTERS))
             has_unit = invalid[0] == 0 and self._format.header and not self._format.units and is_unit(cell)
-            remedy = _UNITS_REMEDY if has_unit else _suggest_format(cell)
+            remedy = _UNITS_REMEDY if has_unit else self._suggest_line() or _suggest_format(cell)
             raise BadInput.from_rule(rule, got, self.locate_row(invalid[0]), remedy)
         return np.array([cell or "nan" for cell in texts], dtype=float), blank_texts
 
@@ -205,7 +213,7 @@ def _count_comment_lines(lines: list[str], has_header: bool) -> int:
     return max(count - 1, 0) if is_header else count
 
 
-def _read_csv(lines: list[str], file_format: FilesTable, file: str) -> dict[str, Any]:
+def _read_csv(lines: list[str], file_format: FilesTable, file: str, header_remedy: str) -> dict[str, Any]:
     if not lines:
         raise BadInput.from_rule(f"{file} must have rows", "an empty file", remedy="Check the path.")
     if file_format.skip >= len(lines):
@@ -214,7 +222,7 @@ def _read_csv(lines: list[str], file_format: FilesTable, file: str) -> dict[str,
     remedy = _suggest_separator(lines[file_format.skip :], file_format)
     # The lines above the table may contain any characters.
     lines = ["\n" if k < file_format.skip else line for k, line in enumerate(lines)]
-    mark = " " if file_format.separator == "space" else _SEPARATORS[file_format.separator]
+    mark = _TEXT_MARKS[file_format.separator]
     header = "".join(lines[file_format.skip : file_format.skip + file_format.header])
     check_line_lengths(lines, file)
     check_quotes(lines, file, mark, header, skip_spaces=True)
@@ -241,7 +249,7 @@ def _read_csv(lines: list[str], file_format: FilesTable, file: str) -> dict[str,
         raise BadInput.from_rule(
             f"{file} must be a table",
             _format_ragged(str(error)),
-            remedy=remedy or "Check `skip` and `separator` in [files].",
+            remedy=remedy or header_remedy or "Check `skip` and `separator` in [files].",
         ) from error
     if table.shape[1] == 1 and remedy:
         raise BadInput.from_rule(

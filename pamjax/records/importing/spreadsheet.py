@@ -20,6 +20,9 @@ from pamjax.records.importing.unit_line import add_units
 #: Largest size of an unpacked file, bytes. A small archive can unpack to any size.
 _MAX_UNPACKED_BYTES = 300_000_000
 
+#: Number of lines in which a header is searched.
+MAX_SEARCHED_LINES = 100
+
 #: First part of the name of a column without header; pandas gives the same name in a text file.
 WITHOUT_HEADER = "Unnamed:"
 
@@ -34,6 +37,8 @@ class Sheet:
         lines_above: number of lines above the first row of numbers.
         columns: cells of each column, (n,): numbers, NaN if blank, or objects if a cell is no number.
         places: index of each column in the sheet.
+        first_lines: first rows of the sheet, with tabs between cells.
+        other_names: names of the other sheets of the file.
     """
 
     path: Path
@@ -41,6 +46,12 @@ class Sheet:
     lines_above: int
     columns: dict[str, np.ndarray]
     places: dict[str, int]
+    first_lines: list[str]
+    other_names: list[str]
+
+    def suggest_sheet(self) -> str:
+        """Return the remedy if the file has other sheets; else an empty string."""
+        return _suggest_sheet(self.name, self.other_names)
 
     def find_formulas(self, header: str) -> list[int]:
         """Return the indices of the rows in which a formula of a column has no stored value."""
@@ -89,13 +100,24 @@ def read_sheet(path: Path, file_format: FilesTable) -> Sheet:
                 f"{path.name} must have a sheet `{name}`", "none", "[files]", suggest_word(name, names)
             )
         rows = _read_rows(book[name], path)
+    others = [other for other in names if other != name]
     if len(rows) <= file_format.lines_above:
         rule = f"sheet `{name}` of {path.name} must contain rows of numbers"
-        raise BadInput.from_rule(rule, "none", remedy="Check `sheet`, `skip` and `header` in [files].")
-    return _build_sheet(path, name, rows, file_format)
+        remedy = _suggest_sheet(name, others) or "Check `sheet`, `skip` and `header` in [files]."
+        raise BadInput.from_rule(rule, "none", remedy=remedy)
+    return _build_sheet(path, name, rows, file_format, others)
 
 
-def _build_sheet(path: Path, name: str, rows: list[list[Any]], file_format: FilesTable) -> Sheet:
+def _suggest_sheet(name: str, others: list[str]) -> str:
+    if not others:
+        return ""
+    listing = ", ".join(f"`{title}`" for title in (name, *others))
+    return f'The file has the sheets {listing}; write, for example, sheet = "{others[0]}" in [files].'
+
+
+def _build_sheet(
+    path: Path, name: str, rows: list[list[Any]], file_format: FilesTable, others: list[str]
+) -> Sheet:
     above = file_format.lines_above
     width = max(map(len, rows[file_format.skip :]))
     table = [row + [None] * (width - len(row)) for row in rows[file_format.skip :]]
@@ -107,7 +129,12 @@ def _build_sheet(path: Path, name: str, rows: list[list[Any]], file_format: File
         cells = [row[place] for row in table[above - file_format.skip :]]
         if not header.startswith(WITHOUT_HEADER) or any(cell is not None for cell in cells):
             columns[header], places[header] = _build_column(cells), place
-    return Sheet(path, name, above, columns, places)
+    first_lines = ["\t".join(map(_format_cell, row)) for row in rows[:MAX_SEARCHED_LINES]]
+    return Sheet(path, name, above, columns, places, first_lines, others)
+
+
+def _format_cell(cell: Any) -> str:
+    return "" if cell is None else " ".join(str(cell).split())
 
 
 def _name_columns(cells: list[Any]) -> list[str]:
