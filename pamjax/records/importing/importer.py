@@ -247,7 +247,7 @@ def _read_channel(spec: ImportSpec, name: str, file: RigFile) -> np.ndarray:
     readings, blanks = file[column.column], file.find_blanks(column.column)
     if blanks and name in _CHANNELS_WITHOUT_BLANKS:
         raise blanks[0].build_error(name)
-    factor = column.to_si(name, file.find_header(column.column), f"[columns] {name}")
+    factor = column.to_si(name, file.find_header(column.column), file.name)
     with np.errstate(over="ignore", invalid="ignore"):
         values = (readings - column.zero) * factor
     # A blank cell stays blank; an overflow may also give NaN.

@@ -14,6 +14,7 @@ import pandas as pd
 from pamjax.errors import BadInput, format_printable, suggest_word
 from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.blank_cells import SAVE_REMEDY, BlankCells, is_blank_text
+from pamjax.records.importing.column_unit import check_similar_headers
 from pamjax.records.importing.header_line import suggest_header_line, suggest_line_with
 from pamjax.records.importing.import_spec import FilesTable
 from pamjax.records.importing.mat_file import read_mat
@@ -100,6 +101,7 @@ class RigFile:
         plain = {split_title(name)[0]: name for name in self._columns}
         header = column if column in self._columns else plain.get(column, "")
         if not header:
+            check_similar_headers(column, self._columns, self.name)
             known_line = suggest_line_with(self._first_lines, self._mark, self.lines_above, column)
             remedy = known_line or self._suggest_line() or self._suggest_name(column)
             raise BadInput.from_rule(f"{self.name} must have a column `{column}`", "none", remedy=remedy)
