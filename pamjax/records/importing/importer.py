@@ -19,6 +19,7 @@ from pamjax.notebook import NotebookText
 from pamjax.records.case import Case, read_case
 from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.blank_cells import BlankCells, format_notes
+from pamjax.records.importing.channel import check_time_steps, read_channel, read_clock
 from pamjax.records.importing.import_spec import LENGTH_SOURCES, ImportSpec, TestTable, read_import_spec
 from pamjax.records.importing.rig_file import RigFile
 from pamjax.records.reading.header import COLUMN_KINDS
@@ -26,7 +27,7 @@ from pamjax.records.reading.muscle_toml import read_muscle_toml
 from pamjax.records.recording import MAX_CYCLE, Recording
 from pamjax.records.writing.case_folder import write_case
 from pamjax.records.writing.template import MUSCLE_TEMPLATE
-from pamjax.units import MAGNITUDE_LIMITS, format_count, format_quantity, parse_quantity
+from pamjax.units import format_count, format_quantity, parse_quantity
 
 #: Separator of the names of a test's files.
 _FILE_SEPARATOR = " + "
@@ -37,9 +38,6 @@ _EXAMPLE_NOTE = (
 )
 #: Order in which channels are read; the file of the first one determines the time of a test.
 _CHANNEL_ORDER = ("force", "pressure", "length", *LENGTH_SOURCES, "diameter", "cycle")
-
-#: Channels that need a number in every row.
-_CHANNELS_WITHOUT_BLANKS = ("time", "cycle")
 
 
 @dataclass(frozen=True, repr=False)
@@ -213,19 +211,20 @@ def _read_test(
     rig_files = {channel: RigFile(path, spec.files) for channel, path in paths.items()}
     columns: dict[str, np.ndarray] = {}
     blanks: list[BlankCells] = []
-    clock: np.ndarray | None = None
+    clock, clock_file = None, None
     for name in (name for name in _CHANNEL_ORDER if name in spec.columns):
         file = rig_files.get(name) or rig_files[""]
-        values, time = _read_channel(spec, name, file), _read_clock(spec, file)
+        values, time = read_channel(spec, name, file), read_clock(spec, file)
         blanks += file.find_blanks(spec.columns[name].column)
-        clock = time if clock is None else clock
+        if clock is None:
+            clock, clock_file = time, file
         first_channel = next(iter(columns.values()), values)
         row_count = len(first_channel) if clock is None else len(values)
         if len(values) != (row_count if time is None else len(time)):
             remedy = "State the column of `time`, or the `rate` in [files]."
             rule = "a channel must have as many rows as its `time`, or without `time` as the other channels"
             raise BadInput.from_rule(rule, f"{len(values)} rows of `{name}`", file.name, remedy)
-        if time is not None and clock is not None and time is not clock:
+        if time is not None and clock is not None and file is not clock_file:
             # Outside the time of its own file, a channel was not measured.
             values = np.interp(clock, time, values, left=np.nan, right=np.nan)
         columns[name] = values
@@ -238,46 +237,11 @@ def _read_test(
         if text := getattr(test, name):
             columns[name] = np.full(n, parse_quantity(text, COLUMN_KINDS[name], f"[[tests]] {name}"))
     if clock is not None:
-        columns["time"] = clock - clock[0]
-    return *_subtract_tare(columns, spec, next(iter(paths.values())).name), blanks
-
-
-def _read_channel(spec: ImportSpec, name: str, file: RigFile) -> np.ndarray:
-    column = spec.columns[name]
-    readings, blanks = file[column.column], file.find_blanks(column.column)
-    if blanks and name in _CHANNELS_WITHOUT_BLANKS:
-        raise blanks[0].build_error(name)
-    factor = column.to_si(name, file.find_header(column.column), file.name)
-    with np.errstate(over="ignore", invalid="ignore"):
-        values = (readings - column.zero) * factor
-    # A blank cell stays blank; an overflow may also give NaN.
-    too_large = ~(np.abs(values) <= MAGNITUDE_LIMITS[1]) & ~np.isnan(readings)
-    if too_large.any():
-        k = int(np.argmax(too_large))
-        rule = f"`{name}` must be at most {MAGNITUDE_LIMITS[1]:g} in SI units"
-        remedy = "Check the cell, and `unit`, `zero` and `scale` in [columns]."
-        raise BadInput.from_rule(rule, f"the reading {readings[k]:g}", file.locate_row(k), remedy)
-    return values
-
-
-def _read_clock(spec: ImportSpec, file: RigFile) -> np.ndarray | None:
-    """Return the time, (n,) s, from the file's column or the sampling rate; None for a static map."""
-    if "time" in spec.columns:
-        time = _read_channel(spec, "time", file)
-        decreases = np.flatnonzero(~(np.diff(time) >= 0))
-        if decreases.size or not np.isfinite(time).all():
-            bad_row = int(decreases[0]) + 1 if decreases.size else int(np.argmin(np.isfinite(time)))
-            remedy = "A file must contain one test: split it where the time restarts."
-            rule = "`time` must be finite and must not decrease"
-            raise BadInput.from_rule(rule, f"{time[bad_row]:g} s", file.locate_row(bad_row), remedy)
-        return time
-    if not spec.files.rate:
-        return None
-    rate = parse_quantity(spec.files.rate, "frequency", "[files] rate")
-    if rate <= 0:
-        raise BadInput.from_rule("`rate` must be positive", spec.files.rate, "[files]", "Check its sign.")
-    first = next(c.column for name, c in spec.columns.items() if name != "time")
-    return np.arange(len(file[first])) / rate
+        columns |= {"time": clock - clock[0], "row": np.arange(n)}
+    columns, tare_readings = _subtract_tare(columns, spec, next(iter(paths.values())).name)
+    if clock_file is not None and clock is not None:
+        check_time_steps(spec, columns["time"], columns.pop("row"), clock_file)
+    return columns, tare_readings, blanks
 
 
 def _subtract_tare(

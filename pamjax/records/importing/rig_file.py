@@ -14,6 +14,7 @@ import pandas as pd
 from pamjax.errors import BadInput, format_printable, suggest_word
 from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.blank_cells import SAVE_REMEDY, BlankCells, is_blank_text
+from pamjax.records.importing.clock_times import ClockTimeError, is_clock_time, parse_clock_times
 from pamjax.records.importing.column_unit import check_similar_headers
 from pamjax.records.importing.header_line import suggest_header_line, suggest_line_with
 from pamjax.records.importing.import_spec import FilesTable
@@ -85,6 +86,24 @@ class RigFile:
         """
         return self._parse_column(column)[1]
 
+    def read_clock_times(self, column: int | str) -> np.ndarray | None:
+        """Return the seconds, (n,), of a column with clock times or dates; None for a column of numbers.
+
+        Raises:
+            BadInput: if there is no such column, or if a row has no clock time of the first one's form.
+        """
+        cells = self._columns[self.find_header(column)]
+        if cells.dtype.kind in "biuf" or not len(cells) or not is_clock_time(_read_text(cells[0])):
+            return None
+        try:
+            return parse_clock_times([_read_text(cell) for cell in cells])
+        except ClockTimeError as error:
+            raise error.build_error(_quote_column(column), self.locate_row(error.row)) from error
+
+    def get_text(self, column: int | str, row: int) -> str:
+        """Return the text of a cell, for error messages."""
+        return _read_text(self._columns[self.find_header(column)][row])
+
     def find_header(self, column: int | str) -> str:
         """Return the header of a column, with its unit if the file states one.
 
@@ -139,7 +158,7 @@ class RigFile:
 
     def _parse_column(self, column: int | str) -> tuple[np.ndarray, list[BlankCells]]:
         """Return the numbers of a column, (n,), NaN where blank, and the blank cells that are not empty."""
-        shown = f"{column}" if isinstance(column, int) else f"`{column}`"
+        shown = _quote_column(column)
         key = self.find_header(column), shown
         if key not in self._parsed_columns:
             values, texts = self._parse_cells(self._columns[key[0]], shown)
@@ -166,7 +185,7 @@ class RigFile:
             return cells.astype(float), {}
         # One cell that is no number makes a column of texts, so the marks are replaced here.
         # A spreadsheet has numbers in its other cells, which have no marks.
-        raw_texts = ["" if pd.isna(cell) else str(cell).strip() for cell in cells]
+        raw_texts = [_read_text(cell) for cell in cells]
         blank_texts = {i: text for i, text in enumerate(raw_texts) if text and is_blank_text(text)}
         texts = [
             text if isinstance(cell, int | float) else self._replace_marks(text)
@@ -189,6 +208,14 @@ class RigFile:
         if self._format.thousands:
             cell = cell.replace(self._format.thousands, "")
         return cell if self._format.decimal == "." else cell.replace(".", "x").replace(",", ".")
+
+
+def _read_text(cell: Any) -> str:
+    return "" if pd.isna(cell) else str(cell).strip()
+
+
+def _quote_column(column: int | str) -> str:
+    return f"{column}" if isinstance(column, int) else f"`{column}`"
 
 
 def _suggest_format(cell: str) -> str:

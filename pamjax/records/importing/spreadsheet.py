@@ -5,8 +5,9 @@ from __future__ import annotations
 import warnings
 import zipfile
 from collections.abc import Iterable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
+from datetime import timedelta
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -152,7 +153,9 @@ def _name_columns(cells: list[Any]) -> list[str]:
 
 def _build_column(cells: list[Any]) -> np.ndarray:
     if all(cell is None or isinstance(cell, int | float) for cell in cells):
-        return np.array([np.nan if cell is None else cell for cell in cells], dtype=float)
+        # An integer may have more digits than a float can hold.
+        with suppress(OverflowError):
+            return np.array([np.nan if cell is None else cell for cell in cells], dtype=float)
     column = np.empty(len(cells), dtype=object)
     column[:] = cells
     return column
@@ -193,11 +196,18 @@ def _iterate_rows(sheet: Any) -> Iterator[tuple[Any, ...]]:
 
 
 def _read_cells(cells: Iterable[Any]) -> list[Any]:
-    values = [cell.value for cell in cells]
-    values = [None if isinstance(value, str) and not value.strip() else value for value in values]
+    values = [_convert_cell(cell.value) for cell in cells]
     while values and values[-1] is None:
         values.pop()
     return values
+
+
+def _convert_cell(value: Any) -> Any:
+    """Return a value with blank texts as None, and durations as texts such as 25:00:00.5."""
+    if isinstance(value, timedelta):
+        minutes, seconds = divmod(value.total_seconds(), 60)
+        return f"{int(minutes) // 60}:{int(minutes) % 60:02d}:{seconds:09.6f}"
+    return None if isinstance(value, str) and not value.strip() else value
 
 
 def _check_archive(path: Path) -> None:

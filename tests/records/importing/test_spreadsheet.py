@@ -173,3 +173,14 @@ def test_column_without_header_is_no_valid_name(read, tmp_path):
     with pytest.raises(BadInput, match="Valid names are `P`, `Length \\[in\\]`, `remark`") as error:
         read(column="Druck")
     assert "Unnamed" not in str(error.value)
+
+
+def test_number_without_a_limit_is_refused_with_its_row(read, tmp_path):
+    write(tmp_path / "made.xlsx", [*ROWS, [20, 12345]])
+    with zipfile.ZipFile(tmp_path / "made.xlsx") as made, zipfile.ZipFile(tmp_path / "free.xlsx", "w") as out:
+        for entry in made.namelist():
+            out.writestr(entry, made.read(entry).replace(b"<v>12345</v>", b"<v>%s</v>" % (b"9" * 400)))
+    with pytest.raises(
+        BadInput, match=r"`length` must be at most 1e\+30 in SI units; got .* in row 6 of free"
+    ):
+        read()
