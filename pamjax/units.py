@@ -157,7 +157,7 @@ def _suggest_unit(unit: str, kind: str, si: str) -> str:
     # Compatibility form: one character such as ㎜ becomes its letters.
     plain = unicodedata.normalize("NFKC", unit[:MAX_UNIT_CHARACTERS]).strip()
     lower_case = {name.lower(): name for name in known_units}
-    matches = difflib.get_close_matches(plain.lower(), lower_case, n=1, cutoff=0.75)
+    matches = difflib.get_close_matches(plain.lower(), lower_case, n=1, cutoff=0.65)
     if plain in UNIT_SIGNS and kind == "length":
         return f"Did you mean `{UNIT_SIGNS[plain]}`?"
     if matches:

@@ -111,7 +111,7 @@ def test_invalid_unit_is_refused(text, kind, complaint):
 )
 def test_text_that_is_no_unit_is_refused_at_once(unit):
     with pytest.raises(
-        BadInput, match=r"^unknown unit .* (Write a length in mm, cm, m or in\.|Did you mean `(mm|in)`\?)$"
+        BadInput, match=r"^unknown unit .* (Write a length in mm, cm, m or in\.|Did you mean `(mm|m|in)`\?)$"
     ) as error:
         parse_unit(unit, "length")
     assert len(str(error.value)) < 150

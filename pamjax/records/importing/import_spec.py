@@ -18,10 +18,11 @@ from pydantic import (
 
 from pamjax.errors import BadInput, suggest_word
 from pamjax.records.files import read_bytes
+from pamjax.records.importing.column_unit import convert_unit
 from pamjax.records.reading import toml_errors
 from pamjax.records.reading.header import COLUMN_KINDS, split_title
 from pamjax.records.toml_text import parse_toml
-from pamjax.units import parse_quantity, parse_unit
+from pamjax.units import parse_quantity
 
 #: Names of pydantic's readers, which occur in the location of an error.
 _READER_NAME_PATTERN = re.compile(r"function-.*|str|int|constrained-int|list\[.*|dict\[.*")
@@ -118,8 +119,10 @@ class ChannelEntry(_ImportTable):
     zero: Annotated[float, Field(allow_inf_nan=False)] = 0.0
     scale: Annotated[float, Field(allow_inf_nan=False), AfterValidator(_check_scale)] = 1.0
 
-    def to_si(self, name: str, header: str, where: str) -> float:
+    def to_si(self, name: str, header: str, file: str) -> float:
         """Return the SI value of one unit of the file, for a channel whose column has this header."""
+        in_header = not self.unit and bool(split_title(header)[1])
+        where = f"column `{header}` of {file}" if in_header else f"[columns] {name}"
         unit = self.unit or split_title(header)[1] or ""
         kind = _KINDS[name]
         if not unit and kind != "count":
@@ -128,7 +131,7 @@ class ChannelEntry(_ImportTable):
             example = f'{{column = {column}, unit = "{_EXAMPLE_UNITS[kind]}"}}'
             raise BadInput.from_rule(rule, "none", where, f"Write, for example, {name} = {example}.")
         if kind != "contraction":
-            return self.scale * parse_unit(unit, kind, where)
+            return self.scale * convert_unit(name, kind, unit, where, in_header)
         if unit not in _CONTRACTION_UNITS:
             remedy = "Use `%` or `1`; for a distance, use `shortening` or `length`."
             raise BadInput.from_rule("a contraction is a ratio", f"{unit!r}", where, remedy)

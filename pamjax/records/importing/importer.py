@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import itertools
 import os
 import re
 from collections.abc import Sequence
@@ -17,6 +18,8 @@ from pamjax.errors import BadInput
 from pamjax.notebook import NotebookText
 from pamjax.records.case import Case, read_case
 from pamjax.records.files import decode_text, read_bytes
+from pamjax.records.importing.blank_cells import BlankCells, format_notes
+from pamjax.records.importing.channel import check_time_steps, read_channel, read_clock
 from pamjax.records.importing.import_spec import LENGTH_SOURCES, ImportSpec, TestTable, read_import_spec
 from pamjax.records.importing.rig_file import RigFile
 from pamjax.records.reading.header import COLUMN_KINDS
@@ -24,7 +27,7 @@ from pamjax.records.reading.muscle_toml import read_muscle_toml
 from pamjax.records.recording import MAX_CYCLE, Recording
 from pamjax.records.writing.case_folder import write_case
 from pamjax.records.writing.template import MUSCLE_TEMPLATE
-from pamjax.units import MAGNITUDE_LIMITS, format_count, format_quantity, parse_quantity
+from pamjax.units import format_count, format_quantity, parse_quantity
 
 #: Separator of the names of a test's files.
 _FILE_SEPARATOR = " + "
@@ -46,12 +49,14 @@ class ImportResult(NotebookText):
         tests: names of each test's files, in the order of the recording.
         samples: number of samples before the median filter.
         tare: lowest and highest tare reading of all tests, and the true value, for each channel; SI.
+        notes: notes about the cells of the files, one sentence or two each.
     """
 
     case: Case
     tests: tuple[str, ...]
     samples: int
     tare: dict[str, tuple[float, float, float]]
+    notes: tuple[str, ...] = ()
 
     @property
     def has_example_values(self) -> bool:
@@ -74,9 +79,11 @@ class ImportResult(NotebookText):
         for name in recording.channels:
             if blank := int(np.isnan(getattr(recording, name)).sum()):
                 lines.append(f"  {format_count(blank, 'row')} without {name}")
-        if self.has_example_values:
-            lines.append(f"  note: {_EXAMPLE_NOTE}")
-        return "\n".join(lines)
+        return "\n".join(lines + [f"  note: {note}" for note in self._all_notes])
+
+    @property
+    def _all_notes(self) -> list[str]:
+        return [*self.notes, *([_EXAMPLE_NOTE] if self.has_example_values else [])]
 
     def as_dict(self) -> dict:
         """Return the result as a dictionary, for JSON."""
@@ -86,7 +93,7 @@ class ImportResult(NotebookText):
             "samples": self.samples,
             "tests": list(self.tests),
             "tare": {n: dict(zip(("low", "high", "true"), v, strict=True)) for n, v in self.tare.items()},
-            "warnings": [*self.case.warnings, *([_EXAMPLE_NOTE] if self.has_example_values else [])],
+            "warnings": [*self.case.warnings, *self._all_notes],
         }
 
 
@@ -115,9 +122,10 @@ def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
     muscle = read_bytes(base_folder / spec.muscle)
     rest_length = read_muscle_toml(muscle, Path(spec.muscle).name).rest_length.value
     tests = [(files, test) for test in spec.tests for files in _find_files(test, base_folder)]
-    pieces, tare_readings = zip(
+    pieces, tare_readings, blanks = zip(
         *(_read_test(spec, files, test, rest_length) for files, test in tests), strict=True
     )
+    notes = format_notes(itertools.chain.from_iterable(blanks))
     recording = _join_tests(pieces, spec)
     text = decode_text(muscle, Path(spec.muscle).name)
     # An invalid case is not written: read it first in a temporary folder.
@@ -126,13 +134,14 @@ def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
         try:
             read_case(Path(trial_folder) / "case")
         except BadInput as error:
-            raise BadInput(f"the case of {rig.name} is invalid and was not written: {error}") from error
+            message = " ".join([f"{error}", *(f"Note: {note}" for note in notes)])
+            raise BadInput(f"the case of {rig.name} is invalid and was not written: {message}") from error
     write_case(folder, recording, text)
     names = tuple(
         _FILE_SEPARATOR.join(dict.fromkeys(path.name for path in files.values())) for files, _ in tests
     )
     samples = sum(len(piece["pressure"]) for piece in pieces)
-    return ImportResult(read_case(folder), names, samples, _summarise_tare(spec, tare_readings))
+    return ImportResult(read_case(folder), names, samples, _summarise_tare(spec, tare_readings), notes)
 
 
 def _summarise_tare(
@@ -190,8 +199,8 @@ def _build_sort_key(text: str) -> list:
 
 def _read_test(
     spec: ImportSpec, paths: dict[str, Path], test: TestTable, rest_length: float
-) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-    """Return the channels of one test, SI, tared, with time from 0; and the tare readings.
+) -> tuple[dict[str, np.ndarray], dict[str, float], list[BlankCells]]:
+    """Return the channels of one test, SI, tared, with time from 0; the tare readings; and blank cells.
 
     Args:
         spec: the import specification.
@@ -201,18 +210,21 @@ def _read_test(
     """
     rig_files = {channel: RigFile(path, spec.files) for channel, path in paths.items()}
     columns: dict[str, np.ndarray] = {}
-    clock: np.ndarray | None = None
+    blanks: list[BlankCells] = []
+    clock, clock_file = None, None
     for name in (name for name in _CHANNEL_ORDER if name in spec.columns):
         file = rig_files.get(name) or rig_files[""]
-        values, time = _read_channel(spec, name, file), _read_clock(spec, file)
-        clock = time if clock is None else clock
+        values, time = read_channel(spec, name, file), read_clock(spec, file)
+        blanks += file.find_blanks(spec.columns[name].column)
+        if clock is None:
+            clock, clock_file = time, file
         first_channel = next(iter(columns.values()), values)
         row_count = len(first_channel) if clock is None else len(values)
         if len(values) != (row_count if time is None else len(time)):
             remedy = "State the column of `time`, or the `rate` in [files]."
             rule = "a channel must have as many rows as its `time`, or without `time` as the other channels"
             raise BadInput.from_rule(rule, f"{len(values)} rows of `{name}`", file.name, remedy)
-        if time is not None and clock is not None and time is not clock:
+        if time is not None and clock is not None and file is not clock_file:
             # Outside the time of its own file, a channel was not measured.
             values = np.interp(clock, time, values, left=np.nan, right=np.nan)
         columns[name] = values
@@ -225,44 +237,11 @@ def _read_test(
         if text := getattr(test, name):
             columns[name] = np.full(n, parse_quantity(text, COLUMN_KINDS[name], f"[[tests]] {name}"))
     if clock is not None:
-        columns["time"] = clock - clock[0]
-    return _subtract_tare(columns, spec, next(iter(paths.values())).name)
-
-
-def _read_channel(spec: ImportSpec, name: str, file: RigFile) -> np.ndarray:
-    column = spec.columns[name]
-    readings = file[column.column]
-    factor = column.to_si(name, file.find_header(column.column), f"[columns] {name}")
-    with np.errstate(over="ignore", invalid="ignore"):
-        values = (readings - column.zero) * factor
-    # A blank cell stays blank; an overflow may also give NaN.
-    too_large = ~(np.abs(values) <= MAGNITUDE_LIMITS[1]) & ~np.isnan(readings)
-    if too_large.any():
-        k = int(np.argmax(too_large))
-        rule = f"`{name}` must be at most {MAGNITUDE_LIMITS[1]:g} in SI units"
-        remedy = "Check the cell, and `unit`, `zero` and `scale` in [columns]."
-        raise BadInput.from_rule(rule, f"the reading {readings[k]:g}", file.locate_row(k), remedy)
-    return values
-
-
-def _read_clock(spec: ImportSpec, file: RigFile) -> np.ndarray | None:
-    """Return the time, (n,) s, from the file's column or the sampling rate; None for a static map."""
-    if "time" in spec.columns:
-        time = _read_channel(spec, "time", file)
-        decreases = np.flatnonzero(~(np.diff(time) >= 0))
-        if decreases.size or not np.isfinite(time).all():
-            bad_row = int(decreases[0]) + 1 if decreases.size else int(np.argmin(np.isfinite(time)))
-            remedy = "A file must contain one test: split it where the time restarts."
-            rule = "`time` must be finite and must not decrease"
-            raise BadInput.from_rule(rule, f"{time[bad_row]:g} s", file.locate_row(bad_row), remedy)
-        return time
-    if not spec.files.rate:
-        return None
-    rate = parse_quantity(spec.files.rate, "frequency", "[files] rate")
-    if rate <= 0:
-        raise BadInput.from_rule("`rate` must be positive", spec.files.rate, "[files]", "Check its sign.")
-    first = next(c.column for name, c in spec.columns.items() if name != "time")
-    return np.arange(len(file[first])) / rate
+        columns |= {"time": clock - clock[0], "row": np.arange(n)}
+    columns, tare_readings = _subtract_tare(columns, spec, next(iter(paths.values())).name)
+    if clock_file is not None and clock is not None:
+        check_time_steps(spec, columns["time"], columns.pop("row"), clock_file)
+    return columns, tare_readings, blanks
 
 
 def _subtract_tare(

@@ -17,8 +17,9 @@ COLUMN_KINDS = {c.name: c.kind for c in CHANNEL_BY_NAME.values()}
 _USUAL_HEADERS = {c.name: c.header for c in CHANNEL_BY_NAME.values()}
 
 #: Names of units that state gauge pressure; the pressure of a recording is always gauge pressure.
-_GAUGE_UNITS = {"psig": "psi", "barg": "bar", "kPag": "kPa", "MPag": "MPa"}
-_ABSOLUTE_UNITS = {"psia": "psi", "bara": "bar", "kPaa": "kPa", "kPa(a)": "kPa"}
+GAUGE_UNITS = {"psig": "psi", "barg": "bar", "kPag": "kPa", "MPag": "MPa"}
+#: Names of units that state absolute pressure, with the same unit of gauge pressure.
+ABSOLUTE_UNITS = {"psia": "psi", "bara": "bar", "kPaa": "kPa", "kPa(a)": "kPa"}
 
 #: Units that mean a dimensionless count.
 _NO_UNIT_MARKS = ("", "1", "-", "#")
@@ -138,10 +139,10 @@ def _build_column(name: str, title: str, index: int, file: str) -> Column:
     if not unit:
         remedy = f"Write it as `{split_title(title)[0]} [unit]`, with a unit such as {suggest_units(kind)}."
         raise BadInput.from_rule(f"the header of `{name}` must state its unit", f"`{title}`", file, remedy)
-    if unit in _ABSOLUTE_UNITS and name == "pressure":
+    if unit in ABSOLUTE_UNITS and name == "pressure":
         remedy = "Subtract the atmospheric pressure, and write the unit without the `a`."
         raise BadInput.from_rule("`pressure` must be gauge pressure", f"{unit!r}", where, remedy)
-    unit = _GAUGE_UNITS.get(unit, unit)
+    unit = GAUGE_UNITS.get(unit, unit)
     return Column(name, title, index, unit, parse_unit(unit, kind, where))
 
 
@@ -187,6 +188,6 @@ def _guess_header(name: str, titles: Sequence[str]) -> str | None:
 def _has_unit_of_kind(title: str, kind: str) -> bool:
     unit = split_title(title)[1]
     try:
-        return bool(unit) and parse_unit(_GAUGE_UNITS.get(unit, unit), kind) > 0
+        return bool(unit) and parse_unit(GAUGE_UNITS.get(unit, unit), kind) > 0
     except BadInput:
         return False

@@ -17,6 +17,7 @@ from pamjax.records.recording import MAX_CYCLE, Recording
 from pamjax.units import MAGNITUDE_LIMITS, format_quantity, is_representable
 
 _DECIMAL_COMMA_PATTERN = re.compile(r"[+-]?\d+,\d+")
+_CLOCK_TIME_PATTERN = re.compile(r"\d:\d\d")
 _BLANK_MARKS = {"nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "?"}
 
 #: Relative difference up to which a set force equals the stated load.
@@ -113,6 +114,8 @@ def _parse_cell(text: str, column: Column, locate: _RowLocator, i: int) -> float
     remedy = "Leave the cell blank if it was not measured."
     if _DECIMAL_COMMA_PATTERN.fullmatch(text):
         remedy = f"Write a decimal point: {text.replace(',', '.')}."
+    elif column.name == "time" and _CLOCK_TIME_PATTERN.search(text):
+        remedy = "Write seconds, or import the file with `pamjax import`, which reads clock times."
     elif text.lower() not in _BLANK_MARKS and "inf" not in text.lower() and np.isnan(value):
         remedy = "Write a number here and the unit in the header. " + remedy
     raise BadInput.from_rule(
@@ -147,7 +150,7 @@ def _check_times(
         )
         is_equal = time[i] == time[i - 1]
         remedy = (
-            "Write more digits."
+            "Delete one of the two rows, or write more digits."
             if is_equal
             else "Sort the rows. Continue the time of a new test after the last one."
         )

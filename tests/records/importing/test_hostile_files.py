@@ -11,7 +11,7 @@ from scipy.io import savemat
 from pamjax.errors import BadInput
 from pamjax.records.importing.importer import import_case
 from pamjax.records.importing.mat_file import read_mat
-from tests.records.importing.test_importer import MUSCLE
+from tests.records.importing.conftest import MUSCLE
 
 SPEC = """\
 muscle = "muscle.toml"

@@ -94,9 +94,9 @@ def test_units_below_the_header_of_a_sheet(read, tmp_path):
             "got '[bar]' in row 2 of table.csv. If this line contains the units, write units = true in",
         ),
         (
-            TEXT.replace("[bar]", "–"),
+            TEXT.replace("[bar]", "ohne"),
             "",
-            "got '–' in row 2 of table.csv. Check `skip`, `header` and `decimal`",
+            "got 'ohne' in row 2 of table.csv. Check `skip`, `header` and `decimal`",
         ),
         (TEXT.replace("0,004", "viel"), ", units = true", "got 'viel' in row 3 of table.csv. Check `skip`"),
         (

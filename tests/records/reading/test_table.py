@@ -190,7 +190,13 @@ BLANK = "Leave the cell blank if it was not measured."
         (
             ROWS + "2,100,200,4,,1\n",
             "`time` must increase from row to row; got 2 s twice in row 5 of recording.csv. "
-            "Write more digits.",
+            "Delete one of the two rows, or write more digits.",
+        ),
+        (
+            ROWS + "10:00:02.5,100,200,4,,1\n",
+            "`time` must be a finite number or blank; got '10:00:02.5' in column `time [s]`, row 5"
+            " of recording.csv. Write seconds, or import the file with `pamjax import`, which"
+            " reads clock times.",
         ),
         (
             ROWS + "1.5,100,200,4,,1\n",
