@@ -76,13 +76,15 @@ class Change:
     """Change of a diagnosis from its reference.
 
     Attributes:
-        kept: ids of the names of the reference that stay.
+        kept: ids of the names of the reference that stay, or that are tied with a name of the diagnosis.
+        identical: those of them that stay with the same id.
         lost: ids of those that do not.
         new: ids of the names without a counterpart in the reference.
         error_ratio: held-out error over that of the reference.
     """
 
     kept: tuple[str, ...]
+    identical: tuple[str, ...]
     lost: tuple[str, ...]
     new: tuple[str, ...]
     error_ratio: float
@@ -98,6 +100,18 @@ def is_same(first: Name, second: Name) -> bool:
     return first.id == second.id or first.id in second.ties or second.id in first.ties
 
 
+def find_best_rival(names: Sequence[Name]) -> tuple[str, float] | None:
+    """Return the rival with the lowest BIC in the place of any name, and its increase; None without rivals.
+
+    A negative increase shows that the search did not end at the lowest BIC.
+    """
+    rivals = [(increase, id) for name in names for id, increase in name.rivals.items()]
+    if not rivals:
+        return None
+    increase, id = min(rivals)
+    return id, increase
+
+
 def compare_results(reference: TreatedResult, other: TreatedResult) -> Change:
     """Return the change of a diagnosis from its reference."""
 
@@ -105,8 +119,10 @@ def compare_results(reference: TreatedResult, other: TreatedResult) -> Change:
         return any(is_same(name, candidate) for candidate in names)
 
     kept = tuple(name.id for name in reference.names if has_counterpart(name, other.names))
+    other_ids = {name.id for name in other.names}
     return Change(
         kept=kept,
+        identical=tuple(id for id in kept if id in other_ids),
         lost=tuple(name.id for name in reference.names if name.id not in kept),
         new=tuple(name.id for name in other.names if not has_counterpart(name, reference.names)),
         error_ratio=other.error / reference.error,
@@ -120,7 +136,8 @@ class StabilitySummary:
     Attributes:
         diagnoses: number of diagnoses, without the references.
         same: number of them with the names of their reference.
-        kept, named: number of reference names that stay, and of all, each counted once a diagnosis.
+        kept, identical, named: number of reference names that stay, that stay with the same id, and of all;
+            each is counted once for each diagnosis.
         new: number of names that come.
         ratios: held-out error over that of the reference: smallest, geometric mean, largest.
     """
@@ -128,6 +145,7 @@ class StabilitySummary:
     diagnoses: int
     same: int
     kept: int
+    identical: int
     named: int
     new: int
     ratios: tuple[float, float, float]
@@ -141,6 +159,7 @@ def summarise_changes(changes: Sequence[Change]) -> StabilitySummary:
         diagnoses=len(changes),
         same=sum(not change.changes_names for change in changes),
         kept=kept,
+        identical=sum(len(change.identical) for change in changes),
         named=kept + sum(len(change.lost) for change in changes),
         new=sum(len(change.new) for change in changes),
         ratios=(float(ratios.min()), float(np.exp(np.mean(np.log(ratios)))), float(ratios.max())),

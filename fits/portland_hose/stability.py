@@ -22,6 +22,7 @@ from name_stability import (
     StabilitySummary,
     TreatedResult,
     compare_results,
+    find_best_rival,
     summarise_changes,
 )
 from treatments import REFERENCE, TREATMENTS, Treatment
@@ -102,12 +103,19 @@ def format_names(names: tuple[Name, ...]) -> str:
     return ", ".join(cells) or "none"
 
 
+def format_best_rival(names: tuple[Name, ...]) -> str:
+    """Return the rival with the lowest BIC, relative to the chosen model."""
+    best = find_best_rival(names)
+    return "–" if best is None else f"`{best[0]}` {best[1]:+.0f}"
+
+
 def format_diagnoses(results: dict[str, HoseResults]) -> str:
     """Return all diagnoses as a Markdown table."""
     lines = [
-        "| hose | treatment | rows | named mechanisms, probability (= tied) | unexplained | held-out rms, N"
-        " | without form errors, N | expected, N | processor, s |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| hose | treatment | rows | named mechanisms, probability (= tied) | lowest BIC of a rival"
+        " | unexplained | p of residual | noise, N | held-out rms, N | without form errors, N | expected, N"
+        " | processor, s |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for hose, by_treatment in results.items():
         for id, result in by_treatment.items():
@@ -116,7 +124,10 @@ def format_diagnoses(results: dict[str, HoseResults]) -> str:
                 TREATMENT_OF_ID[id].title,
                 str(result.rows),
                 format_names(result.names),
+                format_best_rival(result.names),
                 (result.likeness or "yes") if result.unexplained else "no",
+                f"{result.p_value:.0e}",
+                f"{result.noise:.2f}",
                 f"{result.error:.3g}",
                 f"{result.equation_error:.3g}",
                 f"{result.expected_error:.3g}",
@@ -143,7 +154,7 @@ def format_summary_row(title: str, summary: StabilitySummary) -> str:
     cells = [
         title,
         f"{summary.same} of {summary.diagnoses}",
-        f"{summary.kept} of {summary.named}",
+        f"{summary.kept} of {summary.named} ({summary.identical})",
         str(summary.new),
         f"{low:.2f}, {mean:.2f}, {high:.2f}",
     ]
@@ -153,7 +164,8 @@ def format_summary_row(title: str, summary: StabilitySummary) -> str:
 def format_summary(changes: dict[tuple[str, str], Change]) -> str:
     """Return the summary by hose, by treatment and over all, as a Markdown table."""
     lines = [
-        "| group | diagnoses with the same names | reference names that stay | names that come"
+        "| group | diagnoses with the same names | reference names that stay (same id)"
+        " | names that come"
         " | error over reference: smallest, geometric mean, largest |",
         "|---|---|---|---|---|",
     ]

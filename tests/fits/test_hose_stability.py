@@ -120,6 +120,29 @@ def test_reverse_order_keeps_tests_and_readings(scripts, case):
     )
 
 
+def test_a_wrong_length_is_recovered(case):
+    """The force is made linear in length: 20 N/mm times a share that increases with pressure.
+
+    A prediction for a length 0.5 mm too short has too low a force. Noise remains without it.
+    """
+    recording = case.recording
+    slope = 2e4 * recording.pressure / 6e5
+    lengths = np.unique(recording.length)
+    force = 400.0 * recording.pressure / 6e5 + slope * (recording.length - 0.132)
+    case = replace(case, recording=replace(recording, force=force))
+    rows = recording.length == lengths[2]
+    noise = np.where(np.arange(recording.n) % 2, 1.0, -1.0)
+    with import_scripts("portland_hose", "held_out_length") as (script,):
+        result = script.fit_length_error(case, force - 0.5e-3 * slope + noise, rows)
+        exact = script.fit_length_error(case, force + noise, rows)
+    assert result.length_error == pytest.approx(0.5e-3, rel=0.05)
+    assert result.slope == pytest.approx(np.sqrt(np.mean(slope[rows] ** 2)), rel=0.05)
+    assert result.remaining_rms == pytest.approx(1.0, abs=0.05)
+    assert result.rms > 5
+    assert abs(exact.length_error) < 0.02e-3
+    assert exact.remaining_rms == pytest.approx(exact.rms, rel=0.01)
+
+
 def make_result(module, *names, error=10.0, unexplained=False):
     """Return made-up numbers of a diagnosis with some names; a name is an id, or an id and its ties."""
     named = tuple(
@@ -140,6 +163,19 @@ def test_names_are_the_same_if_one_is_tied_with_the_other(scripts):
     assert not stability.is_same(stability.Name("a", 0.9, ("c",)), stability.Name("b", 0.9, ("c",)))
 
 
+def test_best_rival_has_the_lowest_bic_of_all_names(scripts):
+    stability, script = scripts[1:]
+    names = (
+        stability.Name("crimp", 0.9, rivals={"slip": 3.0, "offset": 40.0}),
+        stability.Name("creep", 0.8, rivals={"drift": -20.4}),
+        stability.Name("rubber", 0.7),
+    )
+    assert stability.find_best_rival(names) == ("drift", -20.4)
+    assert stability.find_best_rival(names[::2]) == ("slip", 3.0)
+    assert stability.find_best_rival(names[2:]) is None
+    assert script.format_best_rival(names) == "`drift` -20"
+
+
 def test_change_counts_names_that_stay_go_and_come(scripts):
     stability = scripts[1]
     reference = make_result(stability, "rubber", ("crimp", "slip"), "creep")
@@ -147,6 +183,7 @@ def test_change_counts_names_that_stay_go_and_come(scripts):
         reference, make_result(stability, "slip", "rubber", "drift", error=5.0)
     )
     assert change.kept == ("rubber", "crimp")
+    assert change.identical == ("rubber",)
     assert change.lost == ("creep",)
     assert change.new == ("drift",)
     assert change.error_ratio == 0.5
@@ -167,7 +204,7 @@ def test_summary_adds_changes(scripts):
     changes = [stability.compare_results(reference, other) for other in others]
     summary = stability.summarise_changes(changes)
     assert (summary.diagnoses, summary.same) == (3, 1)
-    assert (summary.kept, summary.named, summary.new) == (3, 6, 2)
+    assert (summary.kept, summary.identical, summary.named, summary.new) == (3, 3, 6, 2)
     assert summary.ratios == pytest.approx((0.5, 4 ** (1 / 3), 4.0))
 
 
@@ -195,8 +232,11 @@ def test_results_that_exist_are_not_repeated(scripts, tmp_path, monkeypatch, cap
     table = (tmp_path / "stability.md").read_text(encoding="utf-8")
     assert table in capsys.readouterr().out
     names = "`slip` 0.90 (= rubber), `drift` 0.90"
-    assert f"| a | noise of force not stated | 100 | {names} | no | 10 | 12 | 8 | 60 |" in table
-    assert "| all | 5 of 6 | 6 of 6 | 1 | 1.00, 1.00, 1.00 |" in table
+    assert (
+        f"| a | noise of force not stated | 100 | {names} | – | no | 1e-01 | 1.00 | 10 | 12 | 8 | 60 |"
+        in table
+    )
+    assert "| all | 5 of 6 | 6 of 6 (5) | 1 | 1.00, 1.00, 1.00 |" in table
 
 
 def write_result(script, folder, result):
