@@ -40,7 +40,7 @@ def test_chosen_muscle_can_be_simulated(tmp_path, capsys):
     page = Page((out / "report.html").read_text("utf-8"))
     assert sum(tag == "svg" for tag, _ in page.elements) >= 4
     assert {"chart.png", "prices.png"} <= {path.name for path in out.iterdir()}
-    assert "--starts 2" in (out / "report.html").read_text("utf-8")
+    assert "--starts 2" in page.text
     assert main(["simulate", str(out / "muscle"), "--out", str(tmp_path / "stated")]) == 0
     assert "the rubber of [bladder] is neglected" in capsys.readouterr().err
     assert main(["simulate", str(out / "model.json"), "--out", str(tmp_path / "whole")]) == 0
