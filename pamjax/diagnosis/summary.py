@@ -17,7 +17,7 @@ from pamjax.diagnosis.unexplained import describe_unexplained_reason
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.registry import find_mechanism
 from pamjax.parameter import get_display_unit
-from pamjax.text import join_words
+from pamjax.text import format_p_value, join_words
 from pamjax.units import format_quantity
 
 if TYPE_CHECKING:
@@ -54,11 +54,11 @@ def format_summary(diagnosis: Diagnosis) -> str:
 
 
 def _format_misfit(diagnosis: Diagnosis) -> Iterator[str]:
-    p = diagnosis.mismatch.p_value
+    p_text = format_p_value(diagnosis.mismatch.p_value)
     if not diagnosis.is_detected:
-        yield f"  no systematic misfit detected (p = {p:.2g})"
+        yield f"  no systematic misfit detected ({p_text})"
         return
-    yield f"  systematic misfit of the baseline (p {'< 1e-12' if p < 1e-12 else f'= {p:.1g}'})"
+    yield f"  systematic misfit of the baseline ({p_text})"
     for box in diagnosis.mismatch_boxes[:3]:
         yield f"    {box.description} ({box.share:.0%} of the misfit)"
 

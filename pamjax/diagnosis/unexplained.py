@@ -5,6 +5,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from pamjax.text import format_p_value
+
 if TYPE_CHECKING:
     from pamjax.diagnosis.result import Diagnosis
 
@@ -27,13 +29,9 @@ def describe_unexplained_reason(diagnosis: Diagnosis) -> str | None:
     if reason is UnexplainedReason.RESIDUAL and not diagnosis.named_mechanisms:
         # The residual is that of the baseline: the test of the misfit has its own sentence.
         return None
-    p_text = _format_p_value(diagnosis.residual_test.p_value)
+    p_text = format_p_value(diagnosis.residual_test.p_value)
     if reason is UnexplainedReason.RESIDUAL:
         return f"Reason: {reason.value} ({p_text})."
     if diagnosis.residual_test.p_value < diagnosis.settings.detection_p_value:
         return f"Reason: {reason.value}."
     return f"The residual test is not significant ({p_text}), but {reason.value}."
-
-
-def _format_p_value(p: float) -> str:
-    return "p < 1e-12" if p < 1e-12 else f"p = {p:.2g}"

@@ -21,7 +21,7 @@ from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.form_errors.parts import MIN_SHOWN_EFFECT
 from pamjax.model.registry import find_mechanism
 from pamjax.parameter import Meaning, get_display_unit
-from pamjax.text import join_words
+from pamjax.text import format_p_value, join_words
 from pamjax.units import compute_si_factor, format_quantity
 from pamjax.view.figures import diagnosis as figures
 from pamjax.view.figures.diagnosis_loops import (
@@ -32,9 +32,9 @@ from pamjax.view.figures.diagnosis_loops import (
 from pamjax.view.figures.mismatch_map import format_map_caption, list_other_channels, plot_map
 from pamjax.view.reports.diagnosis_answer import (
     format_headline,
-    format_p_value,
     format_percent,
     format_probability,
+    keep_p_value_whole,
     list_answers,
     list_held_out_bars,
 )
@@ -62,7 +62,7 @@ def write_diagnosis_report(
         document=document,
         answers=list_answers(diagnosis, comparison),
         bars=list_held_out_bars(diagnosis, comparison),
-        p_value=format_p_value(diagnosis.mismatch.p_value),
+        p_value=keep_p_value_whole(format_p_value(diagnosis.mismatch.p_value)),
         unexplained_reason=describe_unexplained_reason(diagnosis),
         map=_draw_picture(partial(plot_map, diagnosis, None), "map", has_title=False),
         map_caption=format_map_caption(diagnosis),

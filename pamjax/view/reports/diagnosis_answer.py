@@ -15,11 +15,9 @@ from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.diagnosis.summary import format_named_estimate
 from pamjax.diagnosis.unexplained import describe_unexplained_reason
 from pamjax.model.registry import find_mechanism
-from pamjax.text import join_words
+from pamjax.text import format_p_value, join_words
 from pamjax.view.wording import keep_units_with_numbers
 
-#: A p-value below this limit is shown as an upper bound.
-_MIN_SHOWN_P_VALUE = 1e-12
 #: Probabilities above this limit are shown as "above 0.99".
 _MAX_SHOWN_PROBABILITY = 0.995
 #: Question beside the bars of the held-out errors.
@@ -116,9 +114,8 @@ def _describe_missing(diagnosis: Diagnosis) -> tuple[str, ...]:
         likeness = f", similar to {diagnosis.likenesses[0].description}" if diagnosis.likenesses else ""
         share = "Below 1 %" if diagnosis.residual_share < 0.005 else format_percent(diagnosis.residual_share)
         sentences.append(f"{share} of the misfit is unexplained{likeness}.")
-        sentences += (
-            [_keep_p_value_whole(reason)] if (reason := describe_unexplained_reason(diagnosis)) else []
-        )
+        if reason := describe_unexplained_reason(diagnosis):
+            sentences.append(keep_p_value_whole(reason))
     if diagnosis.is_faint:
         sentences.append("The misfit is far below the noise of one row, so pamjax names no mechanism.")
     return tuple(sentences)
@@ -126,7 +123,7 @@ def _describe_missing(diagnosis: Diagnosis) -> tuple[str, ...]:
 
 def _describe_certainty(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return the probability of each mechanism, its rivals, and the test of the baseline."""
-    test = f"global test of the baseline: {format_p_value(diagnosis.mismatch.p_value)}"
+    test = f"global test of the baseline: {keep_p_value_whole(format_p_value(diagnosis.mismatch.p_value))}"
     if not diagnosis.is_detected:
         limit = diagnosis.settings.detection_p_value
         return (
@@ -212,18 +209,7 @@ def list_held_out_bars(diagnosis: Diagnosis, comparison: ModelComparison | None 
     return bars
 
 
-def format_p_value(p: float) -> str:
-    """Return a p-value as text with non-breaking spaces.
-
-    >>> format_p_value(0.4321).split(), format_p_value(1e-40).split()
-    (['p', '=', '0.43'], ['p', '<', '1e-12'])
-    """
-    return (f"p < {_MIN_SHOWN_P_VALUE:g}" if p < _MIN_SHOWN_P_VALUE else f"p = {p:.2g}").replace(
-        " ", "\u00a0"
-    )
-
-
-def _keep_p_value_whole(text: str) -> str:
+def keep_p_value_whole(text: str) -> str:
     """Return a sentence in which no line breaks within a p-value."""
     return re.sub(r"\bp ([=<]) ", "p\u00a0\\1\u00a0", text)
 
