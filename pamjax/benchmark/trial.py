@@ -16,12 +16,10 @@ from pamjax.benchmark.indistinguishable import is_indistinguishable
 from pamjax.benchmark.inject_effect import GroundTruth, inject_effects
 from pamjax.benchmark.overlap import compute_blind_overlap, compute_overlap, compute_true_boxes
 from pamjax.benchmark.setups import draw_setup
-from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask
 from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.residual_test import run_baseline_test
 from pamjax.diagnosis.detect.significance import ResidualTest
 from pamjax.diagnosis.library.library_problem import build_library_problem
-from pamjax.diagnosis.refit.model_fit import fit_model
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.run import diagnose
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
@@ -269,9 +267,7 @@ def draw_ground_truth(task: TrialTask) -> GroundTruth:
 def score_recording(case: Case, seed: int = 0) -> ResidualTest:
     """Return the significance of the baseline's misfit, without a selection of mechanisms."""
     problem = build_library_problem(case)
-    training_mask = ~build_held_out_mask(find_blocks(case.recording))
-    baseline = fit_model(problem, training_mask, (), problem.neutral)
-    return run_baseline_test(problem, baseline, seed)
+    return run_baseline_test(problem, problem.neutral, seed)
 
 
 def _compare_with_truth(

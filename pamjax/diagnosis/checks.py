@@ -50,7 +50,7 @@ class Training:
         mask: (n,) whether a row is used in the fits, and not held out.
         blocks: isobars, holds or cycles of these rows.
         baseline: the baseline, fitted to the training rows.
-        mismatch: test of its residual.
+        mismatch: test of the baseline's residual on all rows, training and held-out.
         seed: seed of the random draws for the p-values.
     """
 
@@ -98,10 +98,10 @@ class HeldOutTest:
 
 
 def fit_baseline(rows: DiagnosedRows, seed: int) -> Training:
-    """Return the fit of the baseline to the training rows of the search, and the test of its residual."""
+    """Return the fit of the baseline to the training rows, and its test on all rows of the search."""
     problem, mask = rows.search_problem, rows.training_mask[rows.search_rows]
     baseline = fit_model(problem, mask, (), problem.neutral)
-    mismatch = run_baseline_test(problem, baseline, seed)
+    mismatch = run_baseline_test(problem, baseline.estimate.values, seed)
     return Training(problem, mask, rows.search_blocks, baseline, mismatch, seed)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,6 +14,9 @@ from pamjax.benchmark.setups import build_reference_setup
 from pamjax.diagnosis.result import save_diagnosis
 from pamjax.diagnosis.run import diagnose
 from tests.diagnosis.bank import build_setup
+
+#: Standard deviation of the force sensor, N.
+FORCE_NOISE = build_reference_setup().muscle_toml.sensors.force
 
 
 @cache
@@ -34,14 +38,28 @@ def test_recording_without_an_effect_gives_no_name():
 
 
 @pytest.mark.slow
+def test_misfit_of_held_out_rows_alone_is_unexplained():
+    """A block with a wrong zero of force, which no search has seen, is reported, and gives no name."""
+    ground_truth, diagnosis = diagnose_kind("nothing")
+    recording = ground_truth.case.recording
+    held_out = diagnosis.held_out_errors.held_out_mask
+    shifted = replace(recording, force=recording.force + 10 * FORCE_NOISE * held_out)
+    diagnosis = diagnose(replace(ground_truth.case, recording=shifted))
+    assert diagnosis.is_detected
+    assert diagnosis.unexplained
+    assert diagnosis.named_mechanisms == ()
+    (box,) = diagnosis.mismatch_boxes
+    assert box.channel == "force"
+
+
+@pytest.mark.slow
 def test_concealed_friction_is_named_and_its_loop_explained(tmp_path):
     envelope, diagnosis = diagnose_kind("friction")
     assert envelope.effect_sizes[0] == pytest.approx(6.0, rel=0.2)
     assert [name.id for name in diagnosis.named_mechanisms] == ["braid_friction"]
     assert diagnosis.named_mechanisms[0].probability > 0.9
-    noise = build_reference_setup().muscle_toml.sensors.force
-    assert diagnosis.held_out_errors.baseline_rmse["force"] > 3 * noise
-    assert diagnosis.held_out_errors.model_rmse["force"] < 1.4 * noise
+    assert diagnosis.held_out_errors.baseline_rmse["force"] > 3 * FORCE_NOISE
+    assert diagnosis.held_out_errors.model_rmse["force"] < 1.4 * FORCE_NOISE
     save_diagnosis(diagnosis, tmp_path)
     document = json.loads((tmp_path / "diagnosis.json").read_text())
     assert document["missing_physics"][0]["id"] == "braid_friction"
@@ -75,7 +93,7 @@ def test_saved_improved_model_gives_the_same_prediction(tmp_path):
     place = document["correlation"]["names"].index("braid_friction.coefficient")
     assert document["correlation"]["matrix"][place][place] == 1.0
     judged = validate(load_muscle(tmp_path / "model.json"), envelope.case)
-    assert judged.rmse["force"] < 1.4 * build_reference_setup().muscle_toml.sensors.force
+    assert judged.rmse["force"] < 1.4 * FORCE_NOISE
     assert not judged.extrapolations
 
 

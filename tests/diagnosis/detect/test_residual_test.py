@@ -47,7 +47,8 @@ def test_a_large_residual_is_unexplained_with_and_without_stated_noise(is_stated
     baseline = fit_model(problem, rows, (), problem.neutral)
     drift = next(candidate for candidate in build_candidates(problem) if candidate.id == "force_drift")
     model = fit_model(problem, rows, [drift], problem.neutral)
-    baseline_test, residual_test = run_baseline_test(problem, baseline), run_residual_test(problem, model)
+    baseline_test = run_baseline_test(problem, problem.neutral)
+    residual_test = run_residual_test(problem, model)
     assert residual_test.mean_square > 2
     assert is_residual_significant(baseline_test, residual_test, DEFAULT_SETTINGS)
     # The sentences state from which model the measurement deviates.
