@@ -28,6 +28,12 @@ COMPLIANCE_PARAMETER = "braid_elasticity.compliance"
 #: Longest warm-up of the load cell over the duration of the recording. A slower one is a straight line.
 _MAX_WARMUP_DURATIONS = 3
 
+#: Longest relaxation time over the duration of the recording. A slower branch acts as an elastic wall.
+_MAX_RELAXATION_DURATIONS = 1
+
+#: Longest presliding distance over the range of the sliding variable. Threads that never slide are a spring.
+_MAX_PRESLIDING_SHARE = 0.25
+
 #: Largest energy over which the wall softens in every cycle, as a share of that in the recording. Slower
 #: softening is like rubber that does not soften.
 _MAX_SOFTENING_SHARE = 0.5
@@ -163,6 +169,9 @@ def _limit_to_recording(
     """Change the limits of the parameters for which a recording has a scale, in place."""
     k = names.index("braid_friction.presliding")
     low[k] = max(low[k], settings.min_presliding_noise_ratio * (case.muscle_toml.sensors.length or 0.0))
+    sliding_range = _compute_sliding_range(case, high[names.index("braid_friction.give")])
+    high[k] = max(min(high[k], _MAX_PRESLIDING_SHARE * sliding_range), 2 * low[k])
+    start[k] = np.clip(start[k], low[k], high[k])
     k = names.index("end_taper.cone_height")
     # Both cones together are not longer than the muscle.
     high[k] = min(high[k], 0.5 * float(np.nanmin(case.recording.length)))
@@ -178,9 +187,20 @@ def _limit_to_recording(
     k = names.index("thread_slip.when")
     low[k], high[k] = time[0], max(time[-1], time[0] + 1)
     start[k] = np.clip(start[k], low[k], high[k])
-    k = names.index("force_drift.warmup_time")
-    high[k] = max(min(high[k], _MAX_WARMUP_DURATIONS * float(np.ptp(time))), 2 * low[k])
-    start[k] = np.clip(start[k], low[k], high[k])
+    for name, max_durations in (
+        ("force_drift.warmup_time", _MAX_WARMUP_DURATIONS),
+        ("viscoelastic_creep.time_long", _MAX_RELAXATION_DURATIONS),
+    ):
+        k = names.index(name)
+        high[k] = max(min(high[k], max_durations * float(np.ptp(time))), 2 * low[k])
+        start[k] = np.clip(start[k], low[k], high[k])
+
+
+def _compute_sliding_range(case: Case, largest_give: float) -> float:
+    """Return the largest range of the sliding variable of friction in a recording, m."""
+    recording = case.recording
+    length, pressure = recording.length[recording.usable], recording.pressure[recording.usable]
+    return float(np.ptp(length) + largest_give * np.ptp(pressure))
 
 
 def _compute_wall_path(case: Case, values: Mapping[str, float]) -> float:

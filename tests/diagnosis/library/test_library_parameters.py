@@ -23,3 +23,17 @@ def test_cyclic_softening_uses_at_most_half_of_the_energy_of_a_recording():
     limit = 0.5 * np.abs(np.diff(energy)).sum() / float(rubber_volume(rubber))
     assert 0.1 < limit < 50.0
     agree(problem.high[problem.index("mullins_softening.cyclic_energy")], limit, 1e-3)
+
+
+def test_a_branch_relaxes_and_threads_slide_within_the_recording():
+    """Slower relaxation, and friction that never slides, would be an elastic wall and a spring."""
+    problem = build_plan_problem()
+    recording = problem.case.recording
+    duration = float(np.ptp(recording.time))
+    assert 20.0 < duration < 1e4
+    agree(problem.high[problem.index("viscoelastic_creep.time_long")], duration, 1e-9)
+    give = problem.high[problem.index("braid_friction.give")]
+    sliding_range = np.ptp(recording.length) + give * np.ptp(recording.pressure)
+    agree(problem.high[problem.index("braid_friction.presliding")], sliding_range / 4, 1e-9)
+    assert np.all(problem.low < problem.high)
+    assert np.all((problem.low <= problem.start) & (problem.start <= problem.high))
