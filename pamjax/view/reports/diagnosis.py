@@ -34,7 +34,6 @@ from pamjax.view.reports.diagnosis_answer import (
     format_headline,
     format_percent,
     format_probability,
-    keep_p_value_whole,
     list_answers,
     list_held_out_bars,
 )
@@ -62,7 +61,7 @@ def write_diagnosis_report(
         document=document,
         answers=list_answers(diagnosis, comparison),
         bars=list_held_out_bars(diagnosis, comparison),
-        p_value=keep_p_value_whole(format_p_value(diagnosis.mismatch.p_value)),
+        p_value=format_p_value(diagnosis.mismatch.p_value),
         unexplained_reason=describe_unexplained_reason(diagnosis),
         map=_draw_picture(partial(plot_map, diagnosis, None), "map", has_title=False),
         map_caption=format_map_caption(diagnosis),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
 from pamjax.baselines.comparison import MODEL_TITLES, SAROSI_MODEL, ModelComparison
@@ -115,7 +114,7 @@ def _describe_missing(diagnosis: Diagnosis) -> tuple[str, ...]:
         share = "Below 1 %" if diagnosis.residual_share < 0.005 else format_percent(diagnosis.residual_share)
         sentences.append(f"{share} of the misfit is unexplained{likeness}.")
         if reason := describe_unexplained_reason(diagnosis):
-            sentences.append(keep_p_value_whole(reason))
+            sentences.append(reason)
     if diagnosis.is_faint:
         sentences.append("The misfit is far below the noise of one row, so pamjax names no mechanism.")
     return tuple(sentences)
@@ -123,12 +122,12 @@ def _describe_missing(diagnosis: Diagnosis) -> tuple[str, ...]:
 
 def _describe_certainty(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return the probability of each mechanism, its rivals, and the test of the baseline."""
-    test = f"global test of the baseline: {keep_p_value_whole(format_p_value(diagnosis.mismatch.p_value))}"
+    test = f"global test of the baseline: {format_p_value(diagnosis.mismatch.p_value)}"
     if not diagnosis.is_detected:
         limit = diagnosis.settings.detection_p_value
         return (
             f"{test[0].upper()}{test[1:]}.",
-            f"pamjax reports a misfit only below p\u00a0=\u00a0{limit:g}."
+            f"pamjax reports a misfit only below p = {limit:g}."
             f" Noise alone is below this limit in {100 * limit:g} % of recordings.",
         )
     mechanisms = diagnosis.named_mechanisms
@@ -207,11 +206,6 @@ def list_held_out_bars(diagnosis: Diagnosis, comparison: ModelComparison | None 
         rows = tuple((n, f"{value:.3g} {unit}", 100 * value / largest) for n, value in values.items())
         bars.append(HeldOutBar(channel, rows))
     return bars
-
-
-def keep_p_value_whole(text: str) -> str:
-    """Return a sentence in which no line breaks within a p-value."""
-    return re.sub(r"\bp ([=<]) ", "p\u00a0\\1\u00a0", text)
 
 
 def format_probability(probability: float) -> str:

@@ -334,3 +334,14 @@ def test_names_are_shown_as_text(tmp_path):
 def test_active_part_of_a_page_is_detected():
     assert Page("<p>a</p>").list_active_parts() == []
     assert Page(f"<p>{HOSTILE_NAME}</p>").list_active_parts() == ["script", "onerror", "x"]
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_no_line_breaks_within_a_p_value(variant):
+    text = read_report(variant)
+    p_values = re.findall(r"p (?:&lt;|=) \d", text)
+    assert p_values
+    assert len(re.findall(r'<span class="whole">p (?:&lt;|=) [\d.e-]+</span>', text)) == len(p_values)
+    assert ".whole { white-space: nowrap; }" in text
+    # A search for the text of the summary finds it.
+    assert variant != "friction" or "p < 1e-12" in Page(text).text
