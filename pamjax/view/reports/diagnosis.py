@@ -82,6 +82,7 @@ def write_diagnosis_report(
         residuals=_draw_picture(partial(plot_explained_residuals, diagnosis), "residuals"),
         held_out=_draw_picture(partial(figures.plot_held_out_scores, diagnosis), "held-out"),
         scores=list(_list_scores(diagnosis, document)),
+        max_error_ratio=f"{diagnosis.settings.max_held_out_error_ratio:g}",
         has_form_errors=diagnosis.form_prediction is not None,
         comparison=_describe_comparison(comparison) if comparison and comparison.splits else None,
         shift_figure=_draw_picture(partial(figures.plot_shifts, diagnosis), "shifts"),

@@ -345,3 +345,14 @@ def test_no_line_breaks_within_a_p_value(variant):
     assert ".whole { white-space: nowrap; }" in text
     # A search for the text of the summary finds it.
     assert variant != "friction" or "p < 1e-12" in Page(text).text
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_expected_error_is_explained_where_it_is_shown(variant):
+    text = Page(read_report(variant)).text
+    explanation = (
+        "The expected error is that of a right model, from the noise and the uncertainty of its parameters."
+        " If the error with mechanisms is more than 3 times as large, the report has an unexplained part."
+    )
+    assert (explanation in text) == ("expected from noise and parameters" in text)
+    assert ("expected from noise and parameters" in text) == (variant in ("friction", "tied"))
