@@ -13,7 +13,7 @@ import numpy as np
 
 from pamjax.baselines.comparison import BASELINE_MODEL, MODEL_TITLES, ModelComparison
 from pamjax.channels import DISPLAY_UNIT, format_channel_value
-from pamjax.diagnosis.model_uses import list_model_uses
+from pamjax.diagnosis.model_uses import MODEL_FILE, list_model_uses
 from pamjax.diagnosis.result import Diagnosis, get_baseline_estimates
 from pamjax.diagnosis.settings import describe_settings
 from pamjax.diagnosis.unexplained import describe_unexplained_reason
@@ -42,7 +42,11 @@ from pamjax.view.wording import format_history, format_noise, format_signed
 
 
 def write_diagnosis_report(
-    diagnosis: Diagnosis, path: str | Path, command: str = "", comparison: ModelComparison | None = None
+    diagnosis: Diagnosis,
+    path: str | Path,
+    command: str = "",
+    comparison: ModelComparison | None = None,
+    folder: str | Path | None = None,
 ) -> Path:
     """Write the report of a diagnosis.
 
@@ -51,15 +55,19 @@ def write_diagnosis_report(
         path: the HTML file; its folder must exist.
         command: shell command that repeats the diagnosis; the plain command if omitted.
         comparison: held-out scores of an empirical formula and a Gaussian process, if computed.
+        folder: the folder with model.json, as the user wrote it. Without it, the commands of the report work
+            in the folder of the report.
     """
     document = diagnosis.as_dict()
+    model_file = MODEL_FILE if folder is None else str(Path(folder) / MODEL_FILE)
+    model = shlex.quote(model_file)
     return write_page(
         path,
         "diagnosis.html.jinja",
         title=format_headline(diagnosis),
         muscle=diagnosis.problem.case.muscle_toml.name,
         document=document,
-        answers=list_answers(diagnosis, comparison),
+        answers=list_answers(diagnosis, comparison, model),
         bars=list_held_out_bars(diagnosis, comparison),
         p_value=format_p_value(diagnosis.mismatch.p_value),
         unexplained_reason=describe_unexplained_reason(diagnosis),
@@ -102,7 +110,9 @@ def write_diagnosis_report(
             for n, v in get_baseline_estimates(diagnosis).items()
         ],
         notes=diagnosis.notes,
-        model_uses=list_model_uses(diagnosis),
+        model_file=model_file,
+        command_folder="of this report" if folder is None else "in which you ran the diagnosis",
+        model_uses=list_model_uses(diagnosis, model),
         assumptions=list(_list_assumptions(diagnosis)),
         settings=list(_list_settings(diagnosis)),
         changed_settings=_format_changed_settings(diagnosis),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pamjax.baselines.comparison import MODEL_TITLES, SAROSI_MODEL, ModelComparison
 from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.estimates import order_estimates
+from pamjax.diagnosis.model_uses import MODEL_FILE
 from pamjax.diagnosis.next_step import describe_next_step
 from pamjax.diagnosis.notes import describe_untested_effects, describe_values_at_limit
 from pamjax.diagnosis.result import Diagnosis
@@ -21,6 +22,7 @@ from pamjax.view.wording import keep_units_with_numbers
 _MAX_SHOWN_PROBABILITY = 0.995
 #: Question beside the bars of the held-out errors.
 IMPROVEMENT_QUESTION = "How much better"
+_REPORT_FOLDER = "Run this command in the folder of this report."
 #: Largest number of regions and of estimates on the first screen; the evidence has all of them.
 _MAX_SHOWN_REGIONS, _MAX_SHOWN_ESTIMATES = 2, 3
 
@@ -74,12 +76,15 @@ def _name_with_ties(mechanism: NamedMechanism) -> str:
     return f"{title} (or {others})"
 
 
-def list_answers(diagnosis: Diagnosis, comparison: ModelComparison | None = None) -> list[Answer]:
+def list_answers(
+    diagnosis: Diagnosis, comparison: ModelComparison | None = None, model: str = MODEL_FILE
+) -> list[Answer]:
     """Return the answers in the order in which a reader needs them.
 
     Args:
         diagnosis: the diagnosis.
         comparison: held-out errors of an empirical formula, if computed.
+        model: path of model.json, as text for a shell.
     """
     answers = [
         Answer("Missing" if diagnosis.is_detected else "Result", _describe_missing(diagnosis)),
@@ -91,7 +96,7 @@ def list_answers(diagnosis: Diagnosis, comparison: ModelComparison | None = None
             (*_describe_held_out_errors(diagnosis), *_describe_better_formula(comparison)),
         ),
         Answer("Stated values", tuple(describe_values_at_limit(diagnosis.problem, diagnosis.model))),
-        Answer("Next", describe_next_step(diagnosis)),
+        Answer("Next", _describe_next_step(diagnosis, model)),
     ]
     return [
         Answer(answer.question, tuple(map(keep_units_with_numbers, answer.sentences)))
@@ -183,6 +188,13 @@ def _describe_better_formula(comparison: ModelComparison | None) -> tuple[str, .
     if rmse is None:
         return ()
     return (f"Sárosi's formula has the smaller error, {rmse:.3g} N: interpolate with it.",)
+
+
+def _describe_next_step(diagnosis: Diagnosis, model: str) -> tuple[str, ...]:
+    """Return the next step, and the folder of its command if the path of the model does not show it."""
+    sentences = describe_next_step(diagnosis, model)
+    has_command = any("`pamjax " in sentence for sentence in sentences)
+    return (*sentences, *([_REPORT_FOLDER] if has_command and model == MODEL_FILE else []))
 
 
 def list_held_out_bars(diagnosis: Diagnosis, comparison: ModelComparison | None = None) -> list[HeldOutBar]:

@@ -356,3 +356,21 @@ def test_expected_error_is_explained_where_it_is_shown(variant):
     )
     assert (explanation in text) == ("expected from noise and parameters" in text)
     assert ("expected from noise and parameters" in text) == (variant in ("friction", "tied"))
+
+
+def test_commands_have_the_path_of_the_model(tmp_path):
+    path = write_diagnosis_report(diagnosis(), tmp_path / "report.html", folder="out/my case")
+    text = Page(path.read_text("utf-8")).text.replace("\u00a0", " ")
+    for command in ("validate", "inverse", "simulate"):
+        assert f"pamjax {command} 'out/my case/model.json' " in text
+    assert "Run these commands in the folder in which you ran the diagnosis:" in text
+    assert "Run this command" not in text
+    assert not re.search(r"pamjax \w+ model\.json", text)
+
+
+def test_commands_without_a_path_state_their_folder():
+    text = Page(read_report("friction")).text
+    assert "pamjax validate model.json OTHER. Run this command in the folder of this report." in " ".join(
+        text.split()
+    ).replace(" .", ".")
+    assert "Run these commands in the folder of this report:" in text
