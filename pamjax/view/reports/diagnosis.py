@@ -38,7 +38,7 @@ from pamjax.view.reports.diagnosis_answer import (
     list_held_out_bars,
 )
 from pamjax.view.reports.page import Picture, build_picture, write_page
-from pamjax.view.wording import format_history, format_noise, format_signed
+from pamjax.view.wording import BRANCHES_SENTENCE, format_history, format_noise, format_signed
 
 
 def write_diagnosis_report(
@@ -86,6 +86,7 @@ def write_diagnosis_report(
         ],
         mechanisms=[_describe_mechanism(diagnosis, k) for k in range(len(diagnosis.named_mechanisms))],
         groups=_list_groups(diagnosis),
+        loops_caption=_format_loops_caption(diagnosis),
         loops=_draw_picture(partial(plot_loops, diagnosis), "loops"),
         residuals=_draw_picture(partial(plot_explained_residuals, diagnosis), "residuals"),
         held_out=_draw_picture(partial(figures.plot_held_out_scores, diagnosis), "held-out"),
@@ -143,6 +144,18 @@ def _list_groups(diagnosis: Diagnosis) -> list[str]:
     """Return the isobars or lengths of the loops, which the page can show one by one."""
     names = list(select_shown_groups(diagnosis).names)
     return names if len(names) > 1 else []
+
+
+def _format_loops_caption(diagnosis: Diagnosis) -> str:
+    sentences = [
+        "Measured and predicted values at some settings.",
+        "Held-out blocks are predicted by fits that exclude them.",
+    ]
+    if diagnosis.problem.case.recording.has_time:
+        sentences.append(BRANCHES_SENTENCE)
+    if diagnosis.form_prediction is not None:
+        sentences.append("The band is ± 2 standard deviations of parameters and form errors.")
+    return " ".join(sentences)
 
 
 def _describe_mechanism(diagnosis: Diagnosis, k: int) -> dict[str, Any]:
