@@ -66,6 +66,16 @@ MAGNITUDE_LIMITS = (1e-30, 1e30)
 #: Units of length that some people write as a sign.
 UNIT_SIGNS = {'"': "in", "\u2033": "in", "''": "in", "\u201d": "in", "'": "ft"}
 
+#: Names of units that a mistyped unit may mean, beside the symbols of `suggest_units`.
+UNIT_NAMES = {
+    "length": ("millimetre", "millimeter", "centimetre", "centimeter", "metre", "meter", "inch", "foot"),
+    "pressure": ("pascal", "kilopascal", "megapascal", "millibar"),
+    "force": ("newton", "kilonewton", "pound_force", "kilogram_force"),
+    "time": ("second", "millisecond", "minute", "hour"),
+    "frequency": ("hertz", "kilohertz"),
+    "angle": ("degree", "radian"),
+}
+
 #: Errors of pint's parser beside its own.
 _PARSER_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError, TypeError, tokenize.TokenError)
 
@@ -156,7 +166,7 @@ def _suggest_unit(unit: str, kind: str, si: str) -> str:
     known_units = [name for name in re.findall(r"[^\s,]+", suggest_units(kind)) if name != "or"]
     # Compatibility form: one character such as ㎜ becomes its letters.
     plain = unicodedata.normalize("NFKC", unit[:MAX_UNIT_CHARACTERS]).strip()
-    lower_case = {name.lower(): name for name in known_units}
+    lower_case = {name.lower(): name for name in (*known_units, *UNIT_NAMES.get(kind, ()))}
     matches = difflib.get_close_matches(plain.lower(), lower_case, n=1, cutoff=0.65)
     if plain in UNIT_SIGNS and kind == "length":
         return f"Did you mean `{UNIT_SIGNS[plain]}`?"

@@ -62,6 +62,16 @@ def test_first_commands_of_the_front_page_run(tmp_path, monkeypatch, capsys):
         assert main(words) == 0, capsys.readouterr().err
 
 
+def test_git_ignores_what_the_first_commands_write():
+    ignored = (ROOT / ".gitignore").read_text("utf-8").split()
+    text = (ROOT / "README.md").read_text("utf-8") + (ROOT / "docs/tutorial.md").read_text("utf-8")
+    folders = {out.split("/")[0] for out in re.findall(r"(?m)^(?:    |\$ )pamjax .*?--out (\S+)", text)}
+    folders |= set(re.findall(r"(?m)^(?:    |\$ )pamjax new (\S+)", text))
+    assert folders == {"mine", "out", "again"}
+    assert all({f"/{name}/", f"{name}/"} & set(ignored) for name in folders)
+    assert {f"/{name}" for name in re.findall(r"(?m)^:caption: (\S+)", text)} <= set(ignored)
+
+
 def test_table_of_commands_is_complete():
     shown = re.findall(r"`pamjax (\S+?)`", section("Commands"))
     assert sorted(shown) == sorted(name for name in app if name[0] != "-")

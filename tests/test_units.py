@@ -10,6 +10,7 @@ import pytest
 from pamjax.errors import BadInput
 from pamjax.units import (
     SI_UNITS,
+    UNIT_NAMES,
     USUAL_UNITS,
     compute_si_factor,
     format_quantity,
@@ -136,6 +137,26 @@ def test_compound_units_are_accepted(unit, kind, si):
 def test_unit_in_another_case_is_suggested():
     with pytest.raises(BadInput, match=r"unknown unit .PSI.\. Did you mean `psi`\?"):
         parse_unit("PSI", "pressure")
+
+
+@pytest.mark.parametrize(
+    ("unit", "kind", "nearest"),
+    [
+        ("newtn", "force", "newton"),
+        ("Newtons", "force", "newton"),
+        ("kilopascl", "pressure", "kilopascal"),
+        ("milimeter", "length", "millimeter"),
+        ("secnd", "time", "second"),
+    ],
+)
+def test_misspelt_name_of_a_unit_is_corrected(unit, kind, nearest):
+    with pytest.raises(BadInput, match=rf"unknown unit '{unit}'\. Did you mean `{nearest}`\?"):
+        parse_unit(unit, kind)
+
+
+@pytest.mark.parametrize(("kind", "names"), UNIT_NAMES.items())
+def test_each_suggested_name_of_a_unit_is_accepted(kind, names):
+    assert all(parse_unit(name, kind) > 0 for name in names)
 
 
 @pytest.mark.parametrize("text", ["5", " 5 ", "-5e3", "5 1"])

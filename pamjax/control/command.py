@@ -21,6 +21,7 @@ from pamjax.control.inverse import CommandLimit, Inverse
 from pamjax.control.neglected import list_neglected
 from pamjax.control.posterior_draws import INTERVAL_SHARE, CommandDistribution, PosteriorDraws
 from pamjax.control.standalone import UNCERTAINTY_TEXTS
+from pamjax.text import join_words
 from pamjax.units import format_quantity
 
 #: Share of the largest value below which a number is a rounding error, and tolerance of the calibrated range.
@@ -182,7 +183,7 @@ class CommandResult:
             f"{force_scale * self.slope_by_force:+.4g} {unit} per N of force",
             f"{self.slope_by_given * force_scale / given_scale:+.4g} {unit} per {given_unit} of {given_name}",
         ]
-        if self.unexplained_force:
+        if self.unexplained_force and math.isfinite(self.sd):
             error_text, unexplained_text = (
                 format_quantity(abs(self.slope_by_force) * self.unexplained_force, unit, 2),
                 format_quantity(self.unexplained_force, "N", 2),
@@ -209,17 +210,18 @@ class CommandResult:
         lines = [*self.extrapolations]
         if self.neglected_history:
             lines.append(
-                f"neglected, because the muscle is assumed at rest: {', '.join(self.neglected_history)}"
+                f"the command assumes a muscle at rest and neglects {join_words(self.neglected_history)}"
             )
         if self.friction:
             lines.append(
                 f"braid_friction adds up to {format_quantity(self.friction, 'N', 2)} to the force after"
-                " lengthening, and subtracts the same after shortening; the ± excludes it"
+                " lengthening, and subtracts the same after shortening"
+                + ("; the ± excludes it" if math.isfinite(self.sd) else "")
             )
         if self.neglected_rig:
             lines.append(
-                f"neglected, because sensors are assumed exact and the rig rigid:"
-                f" {', '.join(self.neglected_rig)}"
+                "the command assumes exact sensors and a rigid rig and neglects"
+                f" {join_words(self.neglected_rig)}"
             )
         return lines
 
@@ -313,5 +315,5 @@ def solve_command(
         _list_extrapolations(calibrated_range or {}, {"pressure": p, "length": l}),
         neglected_history,
         neglected_rig,
-        find_uncertainty_source(file, draws is not None),
+        find_uncertainty_source(file, draws is not None) if math.isfinite(sd) else "unknown",
     )

@@ -34,7 +34,7 @@ UNCERTAINTY_TEXTS = {
     "calibration": "the covariance of the calibrated parameters, and the force error on held-out blocks",
     "posterior": "posterior draws, and the force error on held-out blocks",
     "design": "the scatter of materials and manufacture of a design; no muscle was measured",
-    "unknown": "no uncertainty is known, because the muscle was not fitted",
+    "unknown": "no standard deviation is known: there is no fit, or a fitted parameter has none",
 }
 
 

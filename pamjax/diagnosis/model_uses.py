@@ -7,8 +7,11 @@ import numpy as np
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.records.recording import Recording
 
+#: Name of the file with the improved model.
+MODEL_FILE = "model.json"
 
-def list_model_uses(diagnosis: Diagnosis, model: str = "model.json") -> list[tuple[str, str]]:
+
+def list_model_uses(diagnosis: Diagnosis, model: str = MODEL_FILE) -> list[tuple[str, str]]:
     """Return uses of the improved model, each with its command.
 
     Args:

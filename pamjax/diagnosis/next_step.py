@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pamjax.diagnosis.model_uses import list_model_uses
+from pamjax.diagnosis.model_uses import MODEL_FILE, list_model_uses
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.model.registry import find_mechanism
 from pamjax.text import join_words
 
 
-def describe_next_step(diagnosis: Diagnosis, model: str = "model.json") -> tuple[str, ...]:
+def describe_next_step(diagnosis: Diagnosis, model: str = MODEL_FILE) -> tuple[str, ...]:
     """Return the most useful next step in sentences; parts between backticks are code.
 
     Args:

@@ -11,6 +11,12 @@ from pamjax.records.case import Case
 #: Relative difference up to which a noise level counts as the one stated in muscle.toml.
 _NOISE_TOLERANCE = 0.01
 
+#: Sentence for the caption of lines that follow the rows in time.
+BRANCHES_SENTENCE = (
+    "Where a line has two branches, the model differs between the way there and the way back,"
+    " as with friction."
+)
+
 
 def format_signed(value: float, digits: int = 1) -> str:
     """Return a value with its sign; zero has no sign.

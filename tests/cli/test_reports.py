@@ -119,7 +119,7 @@ def test_report_opens_in_a_browser(report, width, tmp_path):
 #: Script of a page with a report in a frame, because a window of Chromium is at least 500 pixels wide.
 MEASURE_FRAME = """<script>onload = () => {
 const page = document.querySelector("iframe").contentDocument;
-const lines = [...page.querySelectorAll(".option")].map((e) => e.getClientRects().length);
+const lines = [...page.querySelectorAll(".whole")].map((e) => e.getClientRects().length);
 document.title = `wide ${page.documentElement.scrollWidth} ${Math.max(1, ...lines)}`;
 }</script></body>"""
 

@@ -94,7 +94,8 @@ def diagnose(
                     if report:
                         from pamjax.view.reports.diagnosis import write_diagnosis_report
 
-                        write_diagnosis_report(outcome, folder / REPORT_FILE, format_command(), comparison)
+                        file = folder / REPORT_FILE
+                        write_diagnosis_report(outcome, file, format_command(), comparison, out / case.name)
                 diagnoses.append(outcome)
                 closing_lines = _format_closing_lines(outcome, out / case.name, report)
                 summaries.append("\n".join([_format_summary(outcome, comparison), *closing_lines]))

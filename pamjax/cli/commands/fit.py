@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from pamjax.cli.earlier_fit import list_earlier_files
+from pamjax.cli.earlier_fit import describe_earlier_fit, list_earlier_files
 from pamjax.cli.options import DEFAULT_MODEL, Json, ModelOptions
 from pamjax.cli.screen import (
     REPORT_FILE,
@@ -47,7 +47,8 @@ def fit(
 
     Args:
         cases: case folders, each with recording.csv and muscle.toml.
-        out: output folder. Files of an earlier fit in it are replaced; other files are unchanged.
+        out: output folder. Files of an earlier fit in it are replaced, and the command states which fit this
+            was; other files are unchanged.
         form_error: allow for differences between effects and the equations of the mechanisms.
         loss: square (least squares) or soft (robust: limits the influence of outliers).
         starts: number of starting points of the minimiser.
@@ -77,7 +78,7 @@ def fit(
             seed=seed,
             progress=progress,
         )
-    earlier_names = list_earlier_files(out)
+    earlier_fit, earlier_names = describe_earlier_fit(out), list_earlier_files(out)
     with write_results_together(out, earlier_names) as folder:
         paths = save(result, folder)
         if figures:
@@ -96,6 +97,9 @@ def fit(
         print_text(f"results: {out / REPORT_FILE if report else out / 'fit.json'}")
         print_text(f"next: pamjax {_suggest_command(result, cases)}")
     print_written_files(paths)
+    if earlier_fit:
+        print(f"replaced the earlier fit in {out}/: {earlier_fit}", file=sys.stderr)
+        print("To keep several fits, write --out with another folder for each.", file=sys.stderr)
     removed = [name for name in earlier_names if not (out / name).exists()]
     if removed:
         print(f"removed files of an earlier fit from {out}/: {', '.join(removed)}", file=sys.stderr)

@@ -73,8 +73,13 @@ def inverse(
         neglected += draws.neglected_form_errors
         loaded_muscle = draws.mean_muscle
     if neglected:
-        ids = ", ".join(dict.fromkeys(neglected))
-        print(f"pamjax: warning: the form errors of {ids} are neglected", file=sys.stderr)
+        _warn_of_form_errors(list(dict.fromkeys(neglected)), muscle, case)
+    if muscle.suffix != ".json" and draws is None:
+        print(
+            f"pamjax: note: the values of {muscle} are as stated, not fitted."
+            " For fitted values, name the fit.json of `pamjax fit` instead.",
+            file=sys.stderr,
+        )
     calibrated_pressures = loaded_muscle.calibrated_range.get("pressure", DEFAULT_PRESSURES)
     max_pressure = parse_quantity(highest, "pressure", "--highest") if highest else calibrated_pressures[1]
     muscle_inverse = invert(loaded_muscle, (min(calibrated_pressures[0], 0.0), max_pressure))
@@ -102,3 +107,16 @@ def inverse(
         if not json:
             print_text(str(exported_controller))
         print_written_files(list(exported_controller.files))
+
+
+def _warn_of_form_errors(ids: list[str], file: Path, case: str | None) -> None:
+    """Warn that the command neglects form errors, and state whether its uncertainty includes them."""
+    from pamjax.control.command_uncertainty import read_unexplained_force
+    from pamjax.text import join_words
+
+    verb = "excludes" if read_unexplained_force(file, case) is None else "includes"
+    print(
+        f"pamjax: warning: the command follows the equation of {join_words(ids)} and neglects its form error,"
+        f" the estimated difference from the equation; the ± {verb} this difference",
+        file=sys.stderr,
+    )

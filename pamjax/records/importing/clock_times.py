@@ -24,17 +24,23 @@ _DATE_PATTERNS = (
 )
 #: A clock that goes back by more than this passed midnight, s.
 _MIN_MIDNIGHT_STEP = 43200.0
-_DAY = 86400.0
+#: s.
+DAY = 86400.0
 _FIRST_DAY = date(2000, 1, 1).toordinal()
 
 
-def is_clock_time(cell: str) -> bool:
-    """Return whether a text is a clock time, with or without a date.
+def is_clock_time(cell: str, with_date: bool = True) -> bool:
+    """Return whether a text is a clock time.
+
+    Args:
+        cell: the text.
+        with_date: whether a date may precede it.
 
     >>> [is_clock_time(cell) for cell in ("10:00:00.5", "2024-05-01T10:00", "10:00", "10.5")]
     [True, True, True, False]
     """
-    return _TIME_PATTERN.fullmatch(cell) is not None
+    match = _TIME_PATTERN.fullmatch(cell)
+    return match is not None and (with_date or not match[1])
 
 
 def parse_clock_times(cells: Sequence[str]) -> np.ndarray:
@@ -60,7 +66,7 @@ def parse_clock_times(cells: Sequence[str]) -> np.ndarray:
     if forms[0] and forms[0][0]:
         return seconds
     went_back = np.diff(seconds, prepend=seconds[0]) < -_MIN_MIDNIGHT_STEP
-    return seconds + _DAY * np.cumsum(went_back)
+    return seconds + DAY * np.cumsum(went_back)
 
 
 class ClockTimeError(ValueError):
@@ -102,7 +108,7 @@ def _read_seconds(cell: str, row: int) -> float:
     if half_day:
         hours = hours % 12 + (12 if half_day == "P" else 0)
     seconds = 3600.0 * hours + 60.0 * int(match[3]) + float((match[4] or "0").replace(",", "."))
-    return seconds + (_DAY * _read_day(match[1], cell, row) if match[1] else 0.0) - _read_offset(match[6])
+    return seconds + (DAY * _read_day(match[1], cell, row) if match[1] else 0.0) - _read_offset(match[6])
 
 
 def _read_day(text: str, cell: str, row: int) -> int:

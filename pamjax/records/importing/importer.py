@@ -122,10 +122,11 @@ def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
     muscle = read_bytes(base_folder / spec.muscle)
     rest_length = read_muscle_toml(muscle, Path(spec.muscle).name).rest_length.value
     tests = [(files, test) for test in spec.tests for files in _find_files(test, base_folder)]
-    pieces, tare_readings, blanks = zip(
+    pieces, tare_readings, blanks, clock_notes = zip(
         *(_read_test(spec, files, test, rest_length) for files, test in tests), strict=True
     )
-    notes = format_notes(itertools.chain.from_iterable(blanks))
+    chain = itertools.chain.from_iterable
+    notes = (*format_notes(chain(blanks)), *dict.fromkeys(chain(clock_notes)))
     recording = _join_tests(pieces, spec)
     text = decode_text(muscle, Path(spec.muscle).name)
     # An invalid case is not written: read it first in a temporary folder.
@@ -199,8 +200,8 @@ def _build_sort_key(text: str) -> list:
 
 def _read_test(
     spec: ImportSpec, paths: dict[str, Path], test: TestTable, rest_length: float
-) -> tuple[dict[str, np.ndarray], dict[str, float], list[BlankCells]]:
-    """Return the channels of one test, SI, tared, with time from 0; the tare readings; and blank cells.
+) -> tuple[dict[str, np.ndarray], dict[str, float], list[BlankCells], list[str]]:
+    """Return channels, SI, tared, with time from 0; tare readings; blank cells; and notes on the clock.
 
     Args:
         spec: the import specification.
@@ -241,7 +242,8 @@ def _read_test(
     columns, tare_readings = _subtract_tare(columns, spec, next(iter(paths.values())).name)
     if clock_file is not None and clock is not None:
         check_time_steps(spec, columns["time"], columns.pop("row"), clock_file)
-    return columns, tare_readings, blanks
+    notes = list(itertools.chain.from_iterable(file.notes for file in rig_files.values()))
+    return columns, tare_readings, blanks, notes
 
 
 def _subtract_tare(

@@ -14,8 +14,9 @@ import pandas as pd
 from pamjax.errors import BadInput, format_printable, suggest_word
 from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.blank_cells import SAVE_REMEDY, BlankCells, is_blank_text
-from pamjax.records.importing.clock_times import ClockTimeError, is_clock_time, parse_clock_times
+from pamjax.records.importing.clock_times import ClockTimeError, parse_clock_times
 from pamjax.records.importing.column_unit import check_similar_headers
+from pamjax.records.importing.date_column import is_time_text, join_date_and_clock
 from pamjax.records.importing.header_line import suggest_header_line, suggest_line_with
 from pamjax.records.importing.import_spec import FilesTable
 from pamjax.records.importing.mat_file import read_mat
@@ -52,6 +53,8 @@ class RigFile:
         self.name = path.name
         #: Number of lines above the first row of numbers; the rows of a MAT file count from 1.
         self.lines_above = 0
+        #: Notes for the user about the clock times.
+        self.notes: tuple[str, ...] = ()
         self._format = file_format
         #: First lines of a text file or of a sheet, and their separator.
         self._first_lines: list[str] = []
@@ -92,13 +95,26 @@ class RigFile:
         Raises:
             BadInput: if there is no such column, or if a row has no clock time of the first one's form.
         """
-        cells = self._columns[self.find_header(column)]
-        if cells.dtype.kind in "biuf" or not len(cells) or not is_clock_time(_read_text(cells[0])):
+        header = self.find_header(column)
+        texts = self._read_time_texts()
+        if header not in texts:
             return None
+        joined = join_date_and_clock(header, texts, self.name, self.locate_row)
+        if joined is not None:
+            self.notes = (joined.note,) if joined.differs or header == joined.date else ()
+            return joined.seconds
         try:
-            return parse_clock_times([_read_text(cell) for cell in cells])
+            return parse_clock_times(texts[header])
         except ClockTimeError as error:
             raise error.build_error(_quote_column(column), self.locate_row(error.row)) from error
+
+    def _read_time_texts(self) -> dict[str, list[str]]:
+        """Return the texts of the columns that begin with a clock time or a date, by header."""
+        return {
+            header: [_read_text(cell) for cell in cells]
+            for header, cells in self._columns.items()
+            if cells.dtype.kind not in "biuf" and len(cells) and is_time_text(_read_text(cells[0]))
+        }
 
     def get_text(self, column: int | str, row: int) -> str:
         """Return the text of a cell, for error messages."""

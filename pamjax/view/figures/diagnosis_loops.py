@@ -17,6 +17,7 @@ from pamjax.view.figures.layout import (
     Layout,
     add_key,
     build_layout,
+    create_band_mark,
     create_mark,
     create_model_mark,
     draw_band,
@@ -77,7 +78,7 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
             row_layout,
             create_mark("measured", marker="o", ms=3),
             create_model_mark("predicted", row_layout),
-            *([create_mark("± 2 sd of the prediction", marker="s", ms=7, alpha=0.3)] if form else []),
+            *([create_band_mark("the prediction", {channel: form.sd[channel_index]})] if form else []),
         )
     return drawing
 

@@ -33,6 +33,7 @@ from pamjax.view.figures.layout import (
     Layout,
     add_key,
     build_layout,
+    create_band_mark,
     create_mark,
     create_model_mark,
     draw_band,
@@ -56,6 +57,8 @@ from pamjax.view.wording import wrap_title
 _MAX_NAMED_BLOCKS = 30
 #: Largest number of rows that are drawn as large points above the lines.
 _MAX_CLEAR_POINTS = 200
+#: Width of the model's line inside a band, points.
+_BAND_LINE_WIDTH = 0.7
 #: Largest increase of the held-out error that the title has in percent; a larger one is a ratio.
 _MAX_PERCENT_MORE = 200.0
 
@@ -81,7 +84,7 @@ def plot_prediction(case_fit: CaseFit, narrow: bool = False) -> Figure:
             create_mark("measured", marker="o", ms=3),
             create_model_mark("fitted model", row_layout),
             *(
-                [create_mark("± 2 sd of the model", marker="s", ms=7, alpha=0.3)]
+                [create_band_mark("the model", {c: case_fit.prediction_sd[c] for c in channels})]
                 if case_fit.prediction_sd and row_layout.is_connected
                 else []
             ),
@@ -134,19 +137,14 @@ def _plot_points_and_lines(panel: Axes, case_fit: CaseFit, row_layout: Layout, c
                 row_layout.x[rows], predicted_values[rows], "x", color=colour, gid=f"model group-{group}"
             )
             continue
+        has_band = channel in case_fit.prediction_sd
         for rows in iterate_lines(case_fit.case, row_layout, group, measured_rows):
-            # A white outline separates the line from the points of its group.
-            panel.plot(
-                row_layout.x[rows],
-                predicted_values[rows],
-                color="white",
-                lw=2.4,
-                zorder=2.5,
-                gid=f"casing group-{group}",
-            )
-            panel.plot(
-                row_layout.x[rows], predicted_values[rows], color=colour, zorder=3, gid=f"model group-{group}"
-            )
+            x, y = row_layout.x[rows], predicted_values[rows]
+            if not has_band:
+                # A white outline separates the line from the points of its group. It would hide a band.
+                panel.plot(x, y, color="white", lw=2.4, zorder=2.5, gid=f"casing group-{group}")
+            width = _BAND_LINE_WIDTH if has_band else None
+            panel.plot(x, y, color=colour, lw=width, zorder=3, gid=f"model group-{group}")
 
 
 def create_panels(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -15,9 +15,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.typing import ColorType
 
+from pamjax.channels import format_channel_value
 from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
 from pamjax.records.levels import assign_levels, find_levels
+from pamjax.text import join_words
 from pamjax.units import format_quantity
 from pamjax.view.theme import (
     OKABE_ITO,
@@ -33,6 +35,8 @@ _MAX_LENGTH_COLOURS = 7
 GRID_CELLS = (160, 100)
 #: Largest number of points of a model's line in a group.
 _MAX_LINE_POINTS = 400
+#: Letters of a legend's line that fit in an inch, beside the marks.
+_LEGEND_LETTERS_PER_INCH = 13.0
 #: Strength of the colour of a band, between white and the colour of its line.
 _BAND_TINT = 0.3
 
@@ -127,7 +131,9 @@ def _choose_colours(count: int, isobars: tuple[float, ...]) -> tuple[ColorType, 
 
 def add_key(figure: Figure, axes: list[Axes], layout: Layout, *marks: Line2D) -> None:
     """Add a legend of the marks, and a key of the isobars' or lengths' colours."""
-    figure.legend(handles=list(marks), loc="outside lower center", ncols=len(marks))
+    letters = sum(len(str(mark.get_label())) for mark in marks)
+    fits_one_line = letters < _LEGEND_LETTERS_PER_INCH * figure.get_figwidth()
+    figure.legend(handles=list(marks), loc="outside lower center", ncols=len(marks) if fits_one_line else 1)
     if len(layout.isobars) > 1:
         add_pressure_bar(axes, layout.isobars)
     elif len(layout.names) > 1:
@@ -144,6 +150,24 @@ def create_mark(label: str, **style) -> Line2D:
 def create_model_mark(label: str, layout: Layout) -> Line2D:
     """Return the legend entry of a model: a line, or a cross where no line connects its points."""
     return create_mark(label, **({"ls": "-"} if layout.is_connected else {"marker": "x"}))
+
+
+def create_band_mark(name: str, sd: Mapping[str, np.ndarray]) -> Line2D:
+    """Return the legend entry of a band of ± 2 sd with its largest half width.
+
+    The band may be narrower than a line.
+
+    Args:
+        name: what the band surrounds.
+        sd: (n,) SI, by channel.
+    """
+    widths = [
+        format_channel_value(2 * float(np.nanmax(values)), channel)
+        for channel, values in sd.items()
+        if np.isfinite(values).any()
+    ]
+    limit = f", at most {join_words(widths)}" if widths else ""
+    return create_mark(f"± 2 sd of {name}{limit}", marker="s", ms=7, alpha=0.3)
 
 
 def thin_points(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from pamjax.baselines.comparison import BASELINE_MODEL, MODEL_TITLES, ModelComparison
 from pamjax.channels import DISPLAY_UNIT, format_channel_value
-from pamjax.diagnosis.model_uses import list_model_uses
+from pamjax.diagnosis.model_uses import MODEL_FILE, list_model_uses
 from pamjax.diagnosis.result import Diagnosis, get_baseline_estimates
 from pamjax.diagnosis.settings import describe_settings
 from pamjax.diagnosis.unexplained import describe_unexplained_reason
@@ -34,16 +34,19 @@ from pamjax.view.reports.diagnosis_answer import (
     format_headline,
     format_percent,
     format_probability,
-    keep_p_value_whole,
     list_answers,
     list_held_out_bars,
 )
 from pamjax.view.reports.page import Picture, build_picture, write_page
-from pamjax.view.wording import format_history, format_noise, format_signed
+from pamjax.view.wording import BRANCHES_SENTENCE, format_history, format_noise, format_signed
 
 
 def write_diagnosis_report(
-    diagnosis: Diagnosis, path: str | Path, command: str = "", comparison: ModelComparison | None = None
+    diagnosis: Diagnosis,
+    path: str | Path,
+    command: str = "",
+    comparison: ModelComparison | None = None,
+    folder: str | Path | None = None,
 ) -> Path:
     """Write the report of a diagnosis.
 
@@ -52,17 +55,21 @@ def write_diagnosis_report(
         path: the HTML file; its folder must exist.
         command: shell command that repeats the diagnosis; the plain command if omitted.
         comparison: held-out scores of an empirical formula and a Gaussian process, if computed.
+        folder: the folder with model.json, as the user wrote it. Without it, the commands of the report work
+            in the folder of the report.
     """
     document = diagnosis.as_dict()
+    model_file = MODEL_FILE if folder is None else str(Path(folder) / MODEL_FILE)
+    model = shlex.quote(model_file)
     return write_page(
         path,
         "diagnosis.html.jinja",
         title=format_headline(diagnosis),
         muscle=diagnosis.problem.case.muscle_toml.name,
         document=document,
-        answers=list_answers(diagnosis, comparison),
+        answers=list_answers(diagnosis, comparison, model),
         bars=list_held_out_bars(diagnosis, comparison),
-        p_value=keep_p_value_whole(format_p_value(diagnosis.mismatch.p_value)),
+        p_value=format_p_value(diagnosis.mismatch.p_value),
         unexplained_reason=describe_unexplained_reason(diagnosis),
         map=_draw_picture(partial(plot_map, diagnosis, None), "map", has_title=False),
         map_caption=format_map_caption(diagnosis),
@@ -79,10 +86,12 @@ def write_diagnosis_report(
         ],
         mechanisms=[_describe_mechanism(diagnosis, k) for k in range(len(diagnosis.named_mechanisms))],
         groups=_list_groups(diagnosis),
+        loops_caption=_format_loops_caption(diagnosis),
         loops=_draw_picture(partial(plot_loops, diagnosis), "loops"),
         residuals=_draw_picture(partial(plot_explained_residuals, diagnosis), "residuals"),
         held_out=_draw_picture(partial(figures.plot_held_out_scores, diagnosis), "held-out"),
         scores=list(_list_scores(diagnosis, document)),
+        max_error_ratio=f"{diagnosis.settings.max_held_out_error_ratio:g}",
         has_form_errors=diagnosis.form_prediction is not None,
         comparison=_describe_comparison(comparison) if comparison and comparison.splits else None,
         shift_figure=_draw_picture(partial(figures.plot_shifts, diagnosis), "shifts"),
@@ -102,7 +111,9 @@ def write_diagnosis_report(
             for n, v in get_baseline_estimates(diagnosis).items()
         ],
         notes=diagnosis.notes,
-        model_uses=list_model_uses(diagnosis),
+        model_file=model_file,
+        command_folder="of this report" if folder is None else "in which you ran the diagnosis",
+        model_uses=list_model_uses(diagnosis, model),
         assumptions=list(_list_assumptions(diagnosis)),
         settings=list(_list_settings(diagnosis)),
         changed_settings=_format_changed_settings(diagnosis),
@@ -133,6 +144,18 @@ def _list_groups(diagnosis: Diagnosis) -> list[str]:
     """Return the isobars or lengths of the loops, which the page can show one by one."""
     names = list(select_shown_groups(diagnosis).names)
     return names if len(names) > 1 else []
+
+
+def _format_loops_caption(diagnosis: Diagnosis) -> str:
+    sentences = [
+        "Measured and predicted values at some settings.",
+        "Held-out blocks are predicted by fits that exclude them.",
+    ]
+    if diagnosis.problem.case.recording.has_time:
+        sentences.append(BRANCHES_SENTENCE)
+    if diagnosis.form_prediction is not None:
+        sentences.append("The band is ± 2 standard deviations of parameters and form errors.")
+    return " ".join(sentences)
 
 
 def _describe_mechanism(diagnosis: Diagnosis, k: int) -> dict[str, Any]:

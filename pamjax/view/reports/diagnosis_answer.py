@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
 from pamjax.baselines.comparison import MODEL_TITLES, SAROSI_MODEL, ModelComparison
 from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.estimates import order_estimates
+from pamjax.diagnosis.model_uses import MODEL_FILE
 from pamjax.diagnosis.next_step import describe_next_step
 from pamjax.diagnosis.notes import describe_untested_effects, describe_values_at_limit
 from pamjax.diagnosis.result import Diagnosis
@@ -22,6 +22,7 @@ from pamjax.view.wording import keep_units_with_numbers
 _MAX_SHOWN_PROBABILITY = 0.995
 #: Question beside the bars of the held-out errors.
 IMPROVEMENT_QUESTION = "How much better"
+_REPORT_FOLDER = "Run this command in the folder of this report."
 #: Largest number of regions and of estimates on the first screen; the evidence has all of them.
 _MAX_SHOWN_REGIONS, _MAX_SHOWN_ESTIMATES = 2, 3
 
@@ -75,12 +76,15 @@ def _name_with_ties(mechanism: NamedMechanism) -> str:
     return f"{title} (or {others})"
 
 
-def list_answers(diagnosis: Diagnosis, comparison: ModelComparison | None = None) -> list[Answer]:
+def list_answers(
+    diagnosis: Diagnosis, comparison: ModelComparison | None = None, model: str = MODEL_FILE
+) -> list[Answer]:
     """Return the answers in the order in which a reader needs them.
 
     Args:
         diagnosis: the diagnosis.
         comparison: held-out errors of an empirical formula, if computed.
+        model: path of model.json, as text for a shell.
     """
     answers = [
         Answer("Missing" if diagnosis.is_detected else "Result", _describe_missing(diagnosis)),
@@ -92,7 +96,7 @@ def list_answers(diagnosis: Diagnosis, comparison: ModelComparison | None = None
             (*_describe_held_out_errors(diagnosis), *_describe_better_formula(comparison)),
         ),
         Answer("Stated values", tuple(describe_values_at_limit(diagnosis.problem, diagnosis.model))),
-        Answer("Next", describe_next_step(diagnosis)),
+        Answer("Next", _describe_next_step(diagnosis, model)),
     ]
     return [
         Answer(answer.question, tuple(map(keep_units_with_numbers, answer.sentences)))
@@ -115,7 +119,7 @@ def _describe_missing(diagnosis: Diagnosis) -> tuple[str, ...]:
         share = "Below 1 %" if diagnosis.residual_share < 0.005 else format_percent(diagnosis.residual_share)
         sentences.append(f"{share} of the misfit is unexplained{likeness}.")
         if reason := describe_unexplained_reason(diagnosis):
-            sentences.append(keep_p_value_whole(reason))
+            sentences.append(reason)
     if diagnosis.is_faint:
         sentences.append("The misfit is far below the noise of one row, so pamjax names no mechanism.")
     return tuple(sentences)
@@ -123,12 +127,12 @@ def _describe_missing(diagnosis: Diagnosis) -> tuple[str, ...]:
 
 def _describe_certainty(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return the probability of each mechanism, its rivals, and the test of the baseline."""
-    test = f"global test of the baseline: {keep_p_value_whole(format_p_value(diagnosis.mismatch.p_value))}"
+    test = f"global test of the baseline: {format_p_value(diagnosis.mismatch.p_value)}"
     if not diagnosis.is_detected:
         limit = diagnosis.settings.detection_p_value
         return (
             f"{test[0].upper()}{test[1:]}.",
-            f"pamjax reports a misfit only below p\u00a0=\u00a0{limit:g}."
+            f"pamjax reports a misfit only below p = {limit:g}."
             f" Noise alone is below this limit in {100 * limit:g} % of recordings.",
         )
     mechanisms = diagnosis.named_mechanisms
@@ -186,6 +190,13 @@ def _describe_better_formula(comparison: ModelComparison | None) -> tuple[str, .
     return (f"Sárosi's formula has the smaller error, {rmse:.3g} N: interpolate with it.",)
 
 
+def _describe_next_step(diagnosis: Diagnosis, model: str) -> tuple[str, ...]:
+    """Return the next step, and the folder of its command if the path of the model does not show it."""
+    sentences = describe_next_step(diagnosis, model)
+    has_command = any("`pamjax " in sentence for sentence in sentences)
+    return (*sentences, *([_REPORT_FOLDER] if has_command and model == MODEL_FILE else []))
+
+
 def list_held_out_bars(diagnosis: Diagnosis, comparison: ModelComparison | None = None) -> list[HeldOutBar]:
     """Return the bars of the channels whose held-out error changes by a tenth or more.
 
@@ -207,11 +218,6 @@ def list_held_out_bars(diagnosis: Diagnosis, comparison: ModelComparison | None 
         rows = tuple((n, f"{value:.3g} {unit}", 100 * value / largest) for n, value in values.items())
         bars.append(HeldOutBar(channel, rows))
     return bars
-
-
-def keep_p_value_whole(text: str) -> str:
-    """Return a sentence in which no line breaks within a p-value."""
-    return re.sub(r"\bp ([=<]) ", "p\u00a0\\1\u00a0", text)
 
 
 def format_probability(probability: float) -> str:

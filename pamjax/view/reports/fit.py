@@ -41,6 +41,7 @@ from pamjax.view.figures.fit_priors import select_with_prior
 from pamjax.view.figures.layout import build_layout
 from pamjax.view.reports.page import Picture, build_picture, write_page
 from pamjax.view.wording import (
+    BRANCHES_SENTENCE,
     capitalise_sentence,
     format_history,
     format_noise,
@@ -294,8 +295,10 @@ def _format_range(low: float, high: float, unit: str) -> str:
 
 def _format_prediction_caption(case_fit: CaseFit) -> str:
     """Return the caption of the figure of the predictions, with the marks that it has."""
-    mark = "Lines" if build_layout(case_fit.case).is_connected else "Crosses"
-    return f"Points: measured values. {mark}: fitted model."
+    if not build_layout(case_fit.case).is_connected:
+        return "Points: measured values. Crosses: fitted model."
+    text = "Points: measured values. Lines: fitted model."
+    return f"{text} {BRANCHES_SENTENCE}" if case_fit.case.recording.has_time else text
 
 
 def _format_prior_caption(fit: Fit, estimates: dict[str, Estimate]) -> str:

@@ -30,6 +30,9 @@ _VERSIONED_PACKAGES = ("pamjax", "jax", "numpy", "scipy")
 #: Largest ratio of a figure's width on a screen to its width on paper.
 _SCREEN_SCALE = 1.15
 
+#: A p-value in a sentence, such as p < 1e-12.
+_P_VALUE_PATTERN = re.compile(r"\b(p [=<] \d+(?:\.\d+)?(?:e[+-]?\d+)?)")
+
 _SVG_SETTINGS: dict[Any, Any] = {
     # Text is stored as text: small files, searchable, in the reader's sans-serif font.
     "svg.fonttype": "none",
@@ -130,22 +133,31 @@ def _keep_options_whole(command: str) -> Markup:
     """Return a command in which no line breaks inside an option, because browsers break after hyphens.
 
     >>> str(_keep_options_whole("pamjax fit mine --out next"))
-    'pamjax fit mine <span class="option">--out</span> next'
+    'pamjax fit mine <span class="whole">--out</span> next'
     """
-    return Markup(re.sub(r"(?<!\S)--?[a-z-]+", r'<span class="option">\g<0></span>', str(escape(command))))
+    return Markup(re.sub(r"(?<!\S)--?[a-z-]+", r'<span class="whole">\g<0></span>', str(escape(command))))
 
 
 def _format_code_spans(text: str) -> Markup:
-    """Return a text in which parts between backticks are code.
+    """Return a text in which parts between backticks are code, and no line breaks within a p-value.
 
     >>> str(_format_code_spans("use `plan`"))
     'use <code>plan</code>'
+    >>> str(_format_code_spans("(p < 1e-12)."))
+    '(<span class="whole">p &lt; 1e-12</span>).'
     """
     parts = re.split(r"`([^`]+)`", text)
     return Markup("").join(
-        Markup("<code>{}</code>").format(_keep_options_whole(part)) if k % 2 else escape(part)
+        Markup("<code>{}</code>").format(_keep_options_whole(part)) if k % 2 else _keep_p_values_whole(part)
         for k, part in enumerate(parts)
     )
+
+
+def _keep_p_values_whole(text: str) -> Markup:
+    """Return a text in which no line breaks within a p-value: browsers break after its hyphen."""
+    parts = _P_VALUE_PATTERN.split(text)
+    span = Markup('<span class="whole">{}</span>')
+    return Markup("").join(span.format(part) if k % 2 else escape(part) for k, part in enumerate(parts))
 
 
 def write_page(path: str | Path, template: str, **context: Any) -> Path:

@@ -71,6 +71,9 @@ def test_report_is_optional(wanted, bench, tmp_path, monkeypatch, capsys):
         page = Page((tmp_path / "bench" / "report.html").read_text("utf-8"))
         assert "empirical formula and a Gaussian process" in page.text
         assert f"pamjax {shlex.join(words)}" in page.text
+        # The report's commands work where this command was run.
+        assert page.text.count(f"pamjax validate {folder}/model.json OTHER") == 2
+        assert f"pamjax inverse {folder}/model.json --force" in page.text
 
 
 def test_next_step_is_the_experiment_of_the_summary(tmp_path):

@@ -70,6 +70,34 @@ def test_uncertainty_includes_the_unexplained_misfit(fitted, tmp_path, capsys):
     assert "for a force error of 4 N beyond noise on held-out blocks" in capsys.readouterr().out
 
 
+def test_stated_muscle_is_announced_with_the_remedy(bench, fitted, capsys):
+    words = ["--force", "300 N", "--length", "180 mm"]
+    assert main(["inverse", str(bench / "made"), *words]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == (
+        f"pamjax: note: the values of {bench / 'made'} are as stated, not fitted."
+        " For fitted values, name the fit.json of `pamjax fit` instead.\n"
+    )
+    assert "no standard deviation is known: there is no fit, or a fitted parameter has none" in printed.out
+    assert main(["inverse", str(fitted / "fit.json"), *words]) == 0
+    assert "not fitted" not in capsys.readouterr().err
+
+
+def test_command_without_a_standard_deviation_mentions_no_part_of_it(fitted, tmp_path, capsys):
+    document = json.loads((fitted / "fit.json").read_text())
+    document["parameters"]["thread.modulus"]["sd"] = None
+    ((_, case_document),) = document["cases"].items()
+    case_document["held_out"]["rmse"]["force"]["value"] = 50.0
+    (tmp_path / "fit.json").write_text(json.dumps(document))
+    words = ["inverse", str(tmp_path / "fit.json"), "--force", "300 N", "--length", "180 mm"]
+    assert main(words) == 0
+    printed = capsys.readouterr().out
+    assert "±" not in printed
+    assert "no standard deviation is known" in printed
+    assert main([*words, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["uncertainty"] == "unknown"
+
+
 def test_infeasible_command_is_reported_with_its_limit(fitted, capsys):
     assert main(["inverse", str(fitted / "fit.json"), "--force", "9 kN", "--pressure", "400 kPa"]) == 0
     printed = capsys.readouterr().out
@@ -237,7 +265,8 @@ def test_neglected_effects_are_reported_with_the_uncertainty(fitted, tmp_path, c
         f"adds up to {format_quantity(document['friction_force'], 'N', 2)} to the force after lengthening"
         in printed
     )
-    assert "neglected, because sensors are assumed exact and the rig rigid: force_offset" in printed
+    assert "the command assumes exact sensors and a rigid rig and neglects force_offset" in printed
+    assert "the command assumes a muscle at rest and neglects braid_friction" in printed
 
 
 def test_command_reports_the_slopes_of_the_stiffness(fitted, capsys):

@@ -17,6 +17,7 @@ def rows(pressure="kPa", force="N"):
         (("kpa.", "N"), "unknown unit 'kpa.' (column `P [kpa.]` of run.csv). Did you mean `kPa`?"),
         (("kPa", "Nn"), "unknown unit 'Nn' (column `F [Nn]` of run.csv). Did you mean `N`?"),
         (("kPa", "kNN"), "unknown unit 'kNN' (column `F [kNN]` of run.csv). Did you mean `kN`?"),
+        (("kPa", "newtn"), "unknown unit 'newtn' (column `F [newtn]` of run.csv). Did you mean `newton`?"),
         (("kPa", "mm"), "a force must have a unit of force; got 'mm' in column `F [mm]` of run.csv."),
     ],
 )

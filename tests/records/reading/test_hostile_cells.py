@@ -55,7 +55,7 @@ def test_all_wrong_units_of_a_header_are_one_message():
     assert message == (
         "unknown unit 'PSI' (column `pressure [PSI]` of a.csv). Did you mean `psi`?"
         " Also: unknown unit '㎜' (column `length [㎜]` of a.csv). Did you mean `mm`?"
-        " Also: unknown unit 'newtn' (column `force [newtn]` of a.csv). Write a force in N, kN or lbf."
+        " Also: unknown unit 'newtn' (column `force [newtn]` of a.csv). Did you mean `newton`?"
     )
 
 

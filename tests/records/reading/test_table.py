@@ -290,7 +290,7 @@ def test_invalid_row_is_refused(write, rows, text):
         (
             "[N]",
             "[Nuton]",
-            "unknown unit 'Nuton' (column `force [Nuton]` of recording.csv). Write a force in N, kN or lbf.",
+            "unknown unit 'Nuton' (column `force [Nuton]` of recording.csv). Did you mean `newton`?",
         ),
         (
             "[kPa]",

@@ -138,6 +138,8 @@ def test_loops_include_the_form_error_and_its_band():
     ]
     assert np.concatenate(shift) == pytest.approx(2.0)
     assert not select_artists(exact, "band")
+    entries = [text.get_text() for legend in inexact.figure.legends for text in legend.get_texts()]
+    assert "± 2 sd of the prediction, at most 10 N" in entries
     band = select_artists(inexact, "band")[0].get_paths()[0].vertices
     line = select_artists(inexact, "predicted")[0]
     assert np.ptp(band[:, 1]) == pytest.approx(np.ptp(line.get_ydata()) + 4 * 5.0)

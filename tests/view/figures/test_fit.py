@@ -185,6 +185,29 @@ def test_many_points_are_thinned_but_keep_their_outline():
     assert thin_points(np.zeros(3), np.zeros(3)).tolist() == [0]
 
 
+def test_band_is_not_hidden_and_its_width_is_stated():
+    fit = strokes()
+    sd = {"force": np.linspace(0.0, 1.5, 1600), "diameter": np.full(1600, 1e-8)}
+    with_band = plot_prediction(replace(fit, prediction_sd=sd))
+    assert "± 2 sd of the model, at most 3 N and 2e-05 mm" in list_legend_texts(with_band)
+    for figure, is_outlined, width in ((with_band, False, 0.7), (plot_prediction(fit), True, 1.2)):
+        assert all(bool(lines) == is_outlined for lines in select_lines(figure, "casing"))
+        assert all(bool(panel.collections) != is_outlined for panel in panels(figure))
+        drawn_lines = [line for lines in select_lines(figure, "model") for line in lines]
+        assert {line.get_linewidth() for line in drawn_lines} == {width}
+
+
+@pytest.mark.parametrize("narrow", [False, True])
+def test_legend_with_the_width_of_the_band_is_inside_the_figure(narrow):
+    fit = strokes()
+    sd = {"force": np.full(1600, 5.5), "diameter": np.full(1600, 6.2e-5)}
+    figure = plot_prediction(replace(fit, prediction_sd=sd), narrow)
+    figure.draw_without_rendering()
+    box = figure.legends[0].get_window_extent()
+    assert box.x0 >= 0
+    assert box.x1 <= figure.bbox.x1
+
+
 def test_residuals_are_drawn_with_the_noise_band():
     figure = plot_residual(strokes(miss=30.0))
     assert [panel.get_xlabel() for panel in panels(figure)[3:]] == [

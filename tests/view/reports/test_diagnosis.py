@@ -334,3 +334,43 @@ def test_names_are_shown_as_text(tmp_path):
 def test_active_part_of_a_page_is_detected():
     assert Page("<p>a</p>").list_active_parts() == []
     assert Page(f"<p>{HOSTILE_NAME}</p>").list_active_parts() == ["script", "onerror", "x"]
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_no_line_breaks_within_a_p_value(variant):
+    text = read_report(variant)
+    p_values = re.findall(r"p (?:&lt;|=) \d", text)
+    assert p_values
+    assert len(re.findall(r'<span class="whole">p (?:&lt;|=) [\d.e-]+</span>', text)) == len(p_values)
+    assert ".whole { white-space: nowrap; }" in text
+    # A search for the text of the summary finds it.
+    assert variant != "friction" or "p < 1e-12" in Page(text).text
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_expected_error_is_explained_where_it_is_shown(variant):
+    text = Page(read_report(variant)).text
+    explanation = (
+        "The expected error is that of a right model, from the noise and the uncertainty of its parameters."
+        " If the error with mechanisms is more than 3 times as large, the report has an unexplained part."
+    )
+    assert (explanation in text) == ("expected from noise and parameters" in text)
+    assert ("expected from noise and parameters" in text) == (variant in ("friction", "tied"))
+
+
+def test_commands_have_the_path_of_the_model(tmp_path):
+    path = write_diagnosis_report(diagnosis(), tmp_path / "report.html", folder="out/my case")
+    text = Page(path.read_text("utf-8")).text.replace("\u00a0", " ")
+    for command in ("validate", "inverse", "simulate"):
+        assert f"pamjax {command} 'out/my case/model.json' " in text
+    assert "Run these commands in the folder in which you ran the diagnosis:" in text
+    assert "Run this command" not in text
+    assert not re.search(r"pamjax \w+ model\.json", text)
+
+
+def test_commands_without_a_path_state_their_folder():
+    text = Page(read_report("friction")).text
+    assert "pamjax validate model.json OTHER. Run this command in the folder of this report." in " ".join(
+        text.split()
+    ).replace(" .", ".")
+    assert "Run these commands in the folder of this report:" in text
