@@ -37,7 +37,7 @@ from pamjax.diagnosis.next_experiment.experiment import Experiment, propose_expe
 from pamjax.diagnosis.noise.noise_ratios import compute_noise_ratios, format_noise_notes, list_unstated_inputs
 from pamjax.diagnosis.notes import format_notes
 from pamjax.diagnosis.outside.template_context import get_template_builder
-from pamjax.diagnosis.outside.template_fits import list_likenesses
+from pamjax.diagnosis.outside.template_fits import Likeness, list_likenesses
 from pamjax.diagnosis.outside.templates import TemplateBuilder
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
@@ -174,9 +174,7 @@ def _build_diagnosis(
         ),
         residual_test=confirmed_selection.residual_test,
         unexplained=unexplained,
-        likenesses=list_likenesses(training.problem, build_templates_at, selection.model)
-        if unexplained
-        else (),
+        likenesses=_list_likenesses(training.problem, build_templates_at, selection) if unexplained else (),
         residual_boxes=locate_residual(problem, model) if unexplained else [],
         residual_share=compute_residual_share(problem, baseline, model),
         noise_ratios=noise_ratios,
@@ -200,6 +198,18 @@ def _build_diagnosis(
         form_error_model=final_fit.form_error_model,
         form_prediction=prediction if prediction.has_form_errors else None,
     )
+
+
+def _list_likenesses(
+    problem: LibraryProblem, build_templates_at: TemplateBuilder, selection: Selection
+) -> tuple[Likeness, ...]:
+    """Return the effects outside the library that the residual resembles, of a fit to all rows.
+
+    The unexplained part can be in the held-out rows alone.
+    """
+    all_rows, model = np.ones(problem.n, dtype=bool), selection.model
+    fit = fit_model(problem, all_rows, model.mechanisms, model.estimate.values)
+    return list_likenesses(problem, build_templates_at, fit)
 
 
 def _fit_all_rows(problem: LibraryProblem, selection: Selection) -> _FinalFit:

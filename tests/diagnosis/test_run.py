@@ -50,6 +50,8 @@ def test_misfit_of_held_out_rows_alone_is_unexplained():
     assert diagnosis.named_mechanisms == ()
     (box,) = diagnosis.mismatch_boxes
     assert box.channel == "force"
+    # Its likeness is that of the misfit of all rows, not of the training rows.
+    assert [likeness.id for likeness in diagnosis.likenesses] == ["single_block"]
 
 
 @pytest.mark.slow
