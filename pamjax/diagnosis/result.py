@@ -139,6 +139,7 @@ class Diagnosis(DrawableResult, NotebookText):
                 "probability": float(self.unexplained),
                 "p_value": self.residual_test.p_value,
                 "share": self.residual_share,
+                "reason": self.unexplained_reason.value if self.unexplained_reason else "",
                 "likeness": [
                     {"id": likeness.id, "probability": likeness.probability, "says": likeness.description}
                     for likeness in (self.likenesses if self.unexplained else ())
