@@ -246,9 +246,6 @@ class DiagnosisSettings:
     pair_swap_rounds: int = _select(2, "count", 0, 100,
         "Replace mechanisms by pairs in at most this many rounds",
         "slower; fewer mechanisms are missed")
-    max_rough_chi2_share: float = _select(0.2, "BIC per sample", 0.0, 1e3,
-        "Continue the search from a pair if its rough refit increases the BIC by less than this per sample",
-        "slower; fewer mechanisms are missed")
     max_noise_chi2_sd: float = _select(2.0, "sd of the χ² of noise", 0.0, 100.0,
         "Treat an excess χ² below this as noise (also in cross-validation and beside a template)",
         "more models count as complete")

@@ -56,7 +56,7 @@ DEFAULTS = {
     "final_refit_count": 2, "rough_evaluations": 10, "strained_prior_sd": 2.5, "max_mechanisms": 4,
     "tie_chi2": 12.0, "tie_excess_share": 0.1, "rivals_refitted": 5, "comparison_excess_chi2": 8.0,
     "rough_chi2_margin": 36.0, "unknown_rival_weight": 0.1, "established_probability": 0.5,
-    "pairs_refitted": 3, "pair_swap_rounds": 2, "max_rough_chi2_share": 0.2,
+    "pairs_refitted": 3, "pair_swap_rounds": 2,
     "max_noise_chi2_sd": 2.0, "same_pair_chi2_share": 1e-3, "min_joint_excess_share": 2 / 3,
     "min_single_excess_share": 0.1, "false_addition_probability": 0.01, "min_prior_p_value": 0.01,
     "min_extreme_amplitude_share": 0.25, "max_starting_candidates": 9, "alternative_fit_evaluations": 10,

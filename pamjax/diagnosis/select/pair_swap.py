@@ -9,9 +9,9 @@ directions d and the residual r,
 
     Δχ²(a, b) = yᵀ G⁻¹ y,     y = D r,     G = D Dᵀ,     D = (d_a, d_b).
 
-The search continues from the best pairs after a refit. Its result replaces the model if the BIC is lower. If
-the residual was large, or if there are more mechanisms than before, the result must leave little more than
-noise.
+The best pairs are refitted. The search continues from a pair whose BIC, with form errors, is clearly lower
+than that of the model, and its result replaces the model. If the residual was large, or if there are more
+mechanisms than before, the result must leave little more than noise.
 Neglects: limits of amplitudes before the refit; replacement of three mechanisms by three.
 Source: least squares.
 """
@@ -32,7 +32,6 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.refit.model_fit import (
     ModelFit,
-    fit_model,
     get_free_indices,
     switch_on_candidate,
 )
@@ -67,15 +66,16 @@ def _find_better_pair(search: MechanismSearch, fit: ModelFit) -> ModelFit | None
         combinations(range(len(fit.mechanisms)), count) for count in removed_counts
     )
     trials = chain.from_iterable(parallel_map(partial(_fit_pair_replacements, search, fit), positions))
-    max_bic = fit.bic + search.settings.max_rough_chi2_share * fit.noise.size
-    promising = sorted((trial for trial in trials if trial.bic < max_bic), key=lambda trial: trial.bic)
-    chosen = promising[: search.settings.final_refit_count]
+    promising = sorted(trials, key=lambda trial: trial.bic)[: search.settings.final_refit_count]
+    limit = search.compute_bic(fit) - search.settings.tie_chi2
+    refits = parallel_map(search.refit, promising)
+    better = [refit for refit in refits if search.compute_bic(refit) < limit]
     results = [
         result
-        for trial, result in zip(chosen, parallel_map(partial(_finish_search, search), chosen), strict=True)
-        if search.compute_bic(result) < search.compute_bic(fit) - search.settings.tie_chi2
+        for refit, result in zip(better, parallel_map(partial(_finish_search, search), better), strict=True)
+        if search.compute_bic(result) < limit
         and _is_acceptable(
-            search, fit, result, has_more_mechanisms=len(trial.mechanisms) > len(fit.mechanisms)
+            search, fit, result, has_more_mechanisms=len(refit.mechanisms) > len(fit.mechanisms)
         )
     ]
     return min(results, key=search.compute_bic, default=None)
@@ -94,11 +94,8 @@ def _is_acceptable(
     return not search.leaves_large_residual(result)
 
 
-def _finish_search(search: MechanismSearch, rough_fit: ModelFit) -> ModelFit:
-    """Return the result of a search from a rough fit; small effects stay if the residual is only noise."""
-    start_fit = fit_model(
-        search.problem, search.training_mask, rough_fit.mechanisms, rough_fit.estimate.values
-    )
+def _finish_search(search: MechanismSearch, start_fit: ModelFit) -> ModelFit:
+    """Return the result of a search from a fit; small effects stay if the residual is only noise."""
     result = search_mechanisms(search, start_fit)
     if not search.leaves_only_noise(start_fit):
         return result
