@@ -10,6 +10,9 @@ worthwhile    without that form error, which leaves more than noise, as a small 
 more likely   the likelihood with all form errors is significantly larger, see `redundant_mechanisms.py`
 complete      the residual is then only noise
 
+Mechanisms with memory keep their form errors: what happened before the recording is unknown, and the
+difference that it makes resembles the zero of a sensor.
+
 A wrong candidate rarely passes. It fits the difference between an effect and its textbook equation only
 roughly, and the form error fits it closely. In a short recording the difference can be as small as the noise.
 Therefore the certainty of such a mechanism is reduced (setting `doubtful_certainty_share`).
@@ -28,13 +31,16 @@ from pamjax.diagnosis.select.neighbour_fits import is_reduction_significant
 from pamjax.diagnosis.select.redundant_mechanisms import compute_cost
 from pamjax.diagnosis.select.search import MechanismSearch, fit_best_candidate
 from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
-from pamjax.model.mechanism import AbstractSensor
+from pamjax.model.mechanism import AbstractMemory, AbstractSensor
 from pamjax.model.registry import MECHANISMS
 
 #: Zeros, gains and delays of sensors. A drift is not among them: it can have any course in time.
 _SENSOR_ERROR_IDS = {
     kind.id for kind in MECHANISMS if issubclass(kind, AbstractSensor) and not kind.form_error.is_additive
 }
+
+#: Mechanisms that depend on earlier samples.
+_MEMORY_IDS = {kind.id for kind in MECHANISMS if issubclass(kind, AbstractMemory)}
 
 
 def add_masked_effects(search: MechanismSearch, fit: ModelFit) -> ModelFit:
@@ -53,14 +59,14 @@ def add_masked_effects(search: MechanismSearch, fit: ModelFit) -> ModelFit:
 
 
 def _remove_form_errors(search: MechanismSearch, fit: ModelFit) -> list[ModelFit]:
-    """Return the model without the form error of each mechanism that has one, refitted."""
+    """Return the model without the form error of each mechanism that has one and no memory, refitted."""
     form_error_fit = add_form_errors(search.problem, fit)
     if not isinstance(form_error_fit, FormErrorFit):
         return []
     reduced_fits = [
         _remove_form_error(search, form_error_fit, id)
         for id, share in form_error_fit.shares.items()
-        if share > 0
+        if share > 0 and id not in _MEMORY_IDS
     ]
     return [fit for fit in reduced_fits if not search.is_excess_noise(fit)]
 

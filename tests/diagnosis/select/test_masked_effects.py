@@ -3,6 +3,9 @@
 import pytest
 
 from pamjax import diagnose
+from pamjax.benchmark.bank_trial import draw_task_recording
+from pamjax.benchmark.other_forms.case_files import build_bank_case
+from pamjax.benchmark.trial import TrialTask
 from pamjax.diagnosis.select import selection
 from tests.diagnosis.bank import BankRecording, replace_recording, simulate_bank
 
@@ -37,3 +40,13 @@ def test_without_the_step_the_gain_becomes_a_form_error(case, monkeypatch):
     (mechanism,) = diagnose(case).named_mechanisms
     assert mechanism.id == "contact_pressure"
     assert mechanism.form_error > 0.05
+
+
+def test_softening_of_another_form_gives_no_sensor_zero():
+    """The difference between a mechanism with memory and its equation resembles a zero of the pressure."""
+    task = TrialTask("all", "single", 0.9, 9, seed=97, bank="other-forms")
+    recording = draw_task_recording(task)
+    assert [effect.id for effect in recording.effects] == ["mullins_softening"]
+    diagnosis = diagnose(build_bank_case(recording, "softening"))
+    assert [mechanism.id for mechanism in diagnosis.named_mechanisms] == ["mullins_softening"]
+    assert diagnosis.named_mechanisms[0].form_error > 0.05
