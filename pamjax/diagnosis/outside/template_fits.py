@@ -116,9 +116,9 @@ def find_best_template_fits(
         return []
 
     def find_first(pair: tuple[ModelFit, ModelFit]) -> TemplateFit:
-        trials = [_fit_template(problem, template, *pair) for template in starts]
+        trials = [_fit_template(problem, template, *pair, is_rough=True) for template in starts]
         best = min(trials, key=lambda trial: trial.cost)
-        return _move_template(problem, templates, pair[1], best)
+        return _move_template(problem, templates, pair[1], _fit_template(problem, best.template, *pair))
 
     template_fits = parallel_map(find_first, list(zip(fits, form_error_fits, strict=True)))
     best = min(template_fits, key=lambda each: each.cost)
@@ -175,13 +175,25 @@ def _linearise_at(problem: LibraryProblem, fit: ModelFit, moved_estimate: MapEst
 
 
 def _fit_template(
-    problem: LibraryProblem, template: Template, fit: ModelFit, form_error_fit: ModelFit
+    problem: LibraryProblem,
+    template: Template,
+    fit: ModelFit,
+    form_error_fit: ModelFit,
+    is_rough: bool = False,
 ) -> TemplateFit:
-    """Return the fit with a template, refitted."""
+    """Return the fit with a template, refitted; a rough refit ends early and has no form error of it."""
     columns = build_free_columns(form_error_fit.noise, template.columns)
     noise = add_discrepancy(form_error_fit.noise, columns, [template.id] * len(columns))
-    estimate = fit_parameters(problem, noise, fit.estimate.free, form_error_fit.estimate.values)
-    noise, estimate = _add_form_error(problem, template, noise, estimate)
+    estimate = fit_parameters(
+        problem,
+        noise,
+        fit.estimate.free,
+        form_error_fit.estimate.values,
+        problem.settings.rough_evaluations if is_rough else None,
+        is_rough,
+    )
+    if not is_rough:
+        noise, estimate = _add_form_error(problem, template, noise, estimate)
     cost = replace(fit, noise=noise, estimate=estimate).full_bic - compute_free_column_cost(len(columns))
     cost -= 2 * math.log(template.share)
     return TemplateFit(fit, template, estimate, cost)

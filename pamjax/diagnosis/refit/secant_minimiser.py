@@ -26,6 +26,9 @@ ResidualAndJacobian = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 #: Tolerances of the minimiser: relative decrease of the cost, relative step, gradient.
 _COST_DECREASE_TOLERANCE, _STEP_TOLERANCE, _GRADIENT_TOLERANCE = 1e-5, 1e-7, 1e-10
 
+#: Relative decrease of the cost at which a rough minimisation ends: it only ranks models.
+_ROUGH_COST_DECREASE_TOLERANCE = 1e-4
+
 #: Curvature |Δr − J s| / |J s| of a step, above which the Jacobian is evaluated.
 _MAX_SECANT_CURVATURE = 0.5
 
@@ -116,12 +119,13 @@ def minimise_least_squares(
         is_rough: whether the Jacobian is not evaluated again at the end, to confirm the minimum.
     """
     point, remaining = start, max_evaluations
+    cost_tolerance = _ROUGH_COST_DECREASE_TOLERANCE if is_rough else _COST_DECREASE_TOLERANCE
     while True:
         function = _SecantFunction(evaluate, evaluate_residual, point, width)
         solution = least_squares(
             cast(Any, function.compute_residual), point, jac=cast(Any, function.compute_jacobian),
             bounds=limits, x_scale=width, max_nfev=remaining,
-            ftol=_COST_DECREASE_TOLERANCE, xtol=_STEP_TOLERANCE, gtol=_GRADIENT_TOLERANCE,
+            ftol=cost_tolerance, xtol=_STEP_TOLERANCE, gtol=_GRADIENT_TOLERANCE,
         )  # fmt: skip
         decrease = function.start_cost - solution.cost
         if not is_rough and decrease <= _COST_DECREASE_TOLERANCE * function.start_cost:
