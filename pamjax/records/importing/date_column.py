@@ -27,17 +27,20 @@ class JoinedTime:
         seconds: (n,) seconds from a midnight.
         date, clock: headers of the two columns.
         differs: whether the seconds differ from those of the clock alone.
+        largest_step: largest step between two rows, s.
     """
 
     seconds: np.ndarray
     date: str
     clock: str
     differs: bool
+    largest_step: float
 
     @property
     def note(self) -> str:
-        """Return a sentence for the user."""
-        return f"`time` has the dates of column `{self.date}` and the clock times of column `{self.clock}`."
+        """Return a note for the user; with the largest step if the dates change the time."""
+        note = f"`time` has the dates of column `{self.date}` and the clock times of column `{self.clock}`."
+        return f"{note} Its largest step is {self.largest_step:.6g} s." if self.differs else note
 
 
 def is_date(cell: str) -> bool:
@@ -60,7 +63,8 @@ def join_date_and_clock(
     """Return the time from a column of dates and one of clock times; None if the column is used alone.
 
     A column of clock times is used alone if there is not exactly one column of dates, if the dates are
-    unclear, or if it starts at 0:00:00: then it counts from the start of the test.
+    unclear, if dates and clock go back, or if it starts at 0:00:00. It then counts from the start of the
+    test.
 
     Args:
         column: header of the column of `time`.
@@ -79,7 +83,10 @@ def join_date_and_clock(
         try:
             return _join(column, clocks[0], texts)
         except ClockTimeError as error:
-            rule = f"columns `{column}` and `{clocks[0]}` must have a date and a clock time in each row"
+            rule = (
+                f"columns `{column}` and `{clocks[0]}` must have a clear date and clock time in each row,"
+                " none before that of an earlier row"
+            )
             remedy = "Write dates as 2024-05-01, and clock times as 10:00:00.5."
             raise BadInput.from_rule(
                 rule, repr(format_printable(error.text, MAX_CELL_CHARACTERS)), locate_row(error.row), remedy
@@ -97,17 +104,26 @@ def join_date_and_clock(
 
 def _join(date: str, clock: str, texts: Mapping[str, Sequence[str]]) -> JoinedTime:
     days = [_DATE_PATTERN.sub(r"\1", cell) for cell in texts[date]]
-    seconds = parse_clock_times([f"{d} {c}" for d, c in zip(days, texts[clock], strict=True)])
-    return JoinedTime(seconds, date, clock, _changes_clock(seconds, texts[clock]))
+    cells = [f"{d} {c}" for d, c in zip(days, texts[clock], strict=True)]
+    seconds = parse_clock_times(cells)
+    steps = np.diff(seconds)
+    if np.any(steps < 0):
+        row = int(np.argmax(steps < 0)) + 1
+        raise ClockTimeError(row, cells[row])
+    differs = _changes_clock(steps, texts[clock], is_one_day=len(set(days)) == 1)
+    return JoinedTime(seconds, date, clock, differs, float(np.max(steps, initial=0.0)))
 
 
-def _changes_clock(seconds: np.ndarray, clock: Sequence[str]) -> bool:
-    """Return whether the time from the first row differs from that of the clock alone."""
+def _changes_clock(steps: np.ndarray, clock: Sequence[str], is_one_day: bool) -> bool:
+    """Return whether steps, (n − 1,), differ from those of the clock alone, s."""
     try:
         alone = parse_clock_times(clock)
     except ClockTimeError:
+        # Within one day, 10:00 may also be minutes and seconds.
+        if is_one_day:
+            raise
         return True
-    return bool(np.any(np.abs(np.diff(seconds) - np.diff(alone)) > _ROUNDING))
+    return bool(np.any(np.abs(steps - np.diff(alone)) > _ROUNDING))
 
 
 def _refuse_dates(column: str, file: str, clocks: Sequence[str]) -> BadInput:
