@@ -25,7 +25,7 @@ from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.saved_model import build_model_document
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DiagnosisSettings
-from pamjax.diagnosis.unexplained import UnexplainedReason
+from pamjax.diagnosis.unexplained import UnexplainedReason, state_unexplained_reason
 from pamjax.drawing import DrawableResult
 from pamjax.infer.form_errors.form_model import FormErrorModel
 from pamjax.infer.form_errors.parts import FormErrorPart
@@ -139,7 +139,7 @@ class Diagnosis(DrawableResult, NotebookText):
                 "probability": float(self.unexplained),
                 "p_value": self.residual_test.p_value,
                 "share": self.residual_share,
-                "reason": self.unexplained_reason.value if self.unexplained_reason else "",
+                "reason": state_unexplained_reason(self),
                 "likeness": [
                     {"id": likeness.id, "probability": likeness.probability, "says": likeness.description}
                     for likeness in (self.likenesses if self.unexplained else ())

@@ -21,6 +21,14 @@ class UnexplainedReason(Enum):
     INCREASED_ERROR = "the mechanisms increase the error of the held-out blocks"
 
 
+def state_unexplained_reason(diagnosis: Diagnosis) -> str:
+    """Return the reason as a clause; "" if nothing is unexplained."""
+    reason = diagnosis.unexplained_reason
+    if reason is UnexplainedReason.RESIDUAL and not diagnosis.named_mechanisms:
+        return "no mechanism explains the significant misfit of the baseline"
+    return reason.value if reason else ""
+
+
 def describe_unexplained_reason(diagnosis: Diagnosis) -> str | None:
     """Return a sentence on the reason; None if nothing is unexplained or named."""
     reason = diagnosis.unexplained_reason
