@@ -51,6 +51,7 @@ class Training:
         blocks: isobars, holds or cycles of these rows.
         baseline: the baseline, fitted to the training rows.
         mismatch: test of the baseline's residual on all rows, training and held-out.
+        training_test: the same on the training rows alone.
         seed: seed of the random draws for the p-values.
     """
 
@@ -59,6 +60,7 @@ class Training:
     blocks: Blocks
     baseline: ModelFit
     mismatch: ResidualTest
+    training_test: ResidualTest
     seed: int
 
     @property
@@ -102,7 +104,8 @@ def fit_baseline(rows: DiagnosedRows, seed: int) -> Training:
     problem, mask = rows.search_problem, rows.training_mask[rows.search_rows]
     baseline = fit_model(problem, mask, (), problem.neutral)
     mismatch = run_baseline_test(problem, baseline.estimate.values, seed)
-    return Training(problem, mask, rows.search_blocks, baseline, mismatch, seed)
+    training_test = run_residual_test(problem, baseline, seed)
+    return Training(problem, mask, rows.search_blocks, baseline, mismatch, training_test, seed)
 
 
 def compare_with_templates(
@@ -222,14 +225,15 @@ def _test_selection(
     training: Training, selection: Selection, replacement_notes: Sequence[str]
 ) -> CheckedSelection:
     """Return the selection with the test of its residual beyond form errors."""
-    problem, mismatch = training.problem, training.mismatch
-    residual_test = (
-        run_residual_test(problem, add_form_errors(problem, selection.model), training.seed)
-        if selection.model.mechanisms
-        else mismatch
-    )
+    problem, reference = training.problem, training.mismatch
+    residual_test = reference
+    if selection.model.mechanisms:
+        # Held-out rows, which the model does not fit, must not raise the limit of a large residual.
+        reference = training.training_test
+        form_error_fit = add_form_errors(problem, selection.model)
+        residual_test = run_residual_test(problem, form_error_fit, training.seed)
     reason = None
-    if training.is_detected and is_residual_significant(mismatch, residual_test, problem.settings):
+    if training.is_detected and is_residual_significant(reference, residual_test, problem.settings):
         reason = UnexplainedReason.RESIDUAL
     elif training.is_detected and replacement_notes:
         reason = UnexplainedReason.TEMPLATE

@@ -116,7 +116,7 @@ def _warn_of_form_errors(ids: list[str], file: Path, case: str | None) -> None:
 
     verb = "excludes" if read_unexplained_force(file, case) is None else "includes"
     print(
-        f"pamjax: warning: the command follows the equation of {join_words(ids)} and neglects its form error,"
-        f" the estimated difference from the equation; the ± {verb} this difference",
+        f"pamjax: warning: the command follows the equation of {join_words(ids)} and neglects the form error,"
+        f" the estimated difference from the equation; a stated ± {verb} this difference",
         file=sys.stderr,
     )

@@ -31,7 +31,7 @@ _MAX_WARMUP_DURATIONS = 3
 #: Longest relaxation time over the duration of the recording. A slower branch acts as an elastic wall.
 _MAX_RELAXATION_DURATIONS = 1
 
-#: Longest presliding distance over the range of the sliding variable. Threads that never slide are a spring.
+#: Longest presliding distance over the distance of sliding. Threads that never slide act as a spring.
 _MAX_PRESLIDING_SHARE = 0.25
 
 #: Largest energy over which the wall softens in every cycle, as a share of that in the recording. Slower
@@ -189,6 +189,7 @@ def _limit_to_recording(
     start[k] = np.clip(start[k], low[k], high[k])
     for name, max_durations in (
         ("force_drift.warmup_time", _MAX_WARMUP_DURATIONS),
+        ("viscoelastic_creep.time_short", _MAX_RELAXATION_DURATIONS),
         ("viscoelastic_creep.time_long", _MAX_RELAXATION_DURATIONS),
     ):
         k = names.index(name)
@@ -197,10 +198,10 @@ def _limit_to_recording(
 
 
 def _compute_sliding_range(case: Case, largest_give: float) -> float:
-    """Return the largest range of the sliding variable of friction in a recording, m."""
+    """Return the distance over which threads can slide: by the stroke, or by the pressure, m."""
     recording = case.recording
     length, pressure = recording.length[recording.usable], recording.pressure[recording.usable]
-    return float(np.ptp(length) + largest_give * np.ptp(pressure))
+    return float(max(np.ptp(length), largest_give * np.ptp(pressure)))
 
 
 def _compute_wall_path(case: Case, values: Mapping[str, float]) -> float:

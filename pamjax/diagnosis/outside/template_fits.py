@@ -116,9 +116,11 @@ def find_best_template_fits(
         return []
 
     def find_first(pair: tuple[ModelFit, ModelFit]) -> TemplateFit:
-        trials = [_fit_template(problem, template, *pair, is_rough=True) for template in starts]
-        best = min(trials, key=lambda trial: trial.cost)
-        return _move_template(problem, templates, pair[1], _fit_template(problem, best.template, *pair))
+        best = starts[0]
+        if len(starts) > 1:
+            trials = [_fit_template(problem, template, *pair, is_rough=True) for template in starts]
+            best = min(trials, key=lambda trial: trial.cost).template
+        return _move_template(problem, templates, pair[1], _fit_template(problem, best, *pair))
 
     template_fits = parallel_map(find_first, list(zip(fits, form_error_fits, strict=True)))
     best = min(template_fits, key=lambda each: each.cost)

@@ -133,7 +133,7 @@ def fit_parameters(
         free: indices of the free parameters; the others are fixed.
         values: (p,) starting values, SI.
         max_evaluations: largest number of evaluations; the setting `max_refit_evaluations` if omitted.
-        is_rough: whether the Jacobian is not evaluated again at the end, to confirm the minimum.
+        is_rough: whether it ends at a larger tolerance, and without a Jacobian that confirms the minimum.
     """
     free = list(free)
     mean, prior_sd = compute_priors(problem, free)

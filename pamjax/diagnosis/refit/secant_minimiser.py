@@ -26,7 +26,7 @@ ResidualAndJacobian = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 #: Tolerances of the minimiser: relative decrease of the cost, relative step, gradient.
 _COST_DECREASE_TOLERANCE, _STEP_TOLERANCE, _GRADIENT_TOLERANCE = 1e-5, 1e-7, 1e-10
 
-#: Relative decrease of the cost at which a rough minimisation ends: it only ranks models.
+#: The first of them for a rough minimisation.
 _ROUGH_COST_DECREASE_TOLERANCE = 1e-4
 
 #: Curvature |Δr − J s| / |J s| of a step, above which the Jacobian is evaluated.
@@ -116,7 +116,7 @@ def minimise_least_squares(
         limits: lowest and highest value of each parameter, (k,) each.
         width: (k,) expected size of a change of each parameter.
         max_evaluations: largest number of residuals.
-        is_rough: whether the Jacobian is not evaluated again at the end, to confirm the minimum.
+        is_rough: whether it ends at a larger tolerance, and without a Jacobian that confirms the minimum.
     """
     point, remaining = start, max_evaluations
     cost_tolerance = _ROUGH_COST_DECREASE_TOLERANCE if is_rough else _COST_DECREASE_TOLERANCE

@@ -10,8 +10,8 @@ worthwhile    without that form error, which leaves more than noise, as a small 
 more likely   the likelihood with all form errors is significantly larger, see `redundant_mechanisms.py`
 complete      the residual is then only noise
 
-Mechanisms with memory keep their form errors: what happened before the recording is unknown, and the
-difference that it makes resembles the zero of a sensor.
+Mechanisms whose state depends on earlier samples keep their form errors. What happened before the recording
+is unknown, and the difference that it makes can resemble the zero of a sensor.
 
 A wrong candidate rarely passes. It fits the difference between an effect and its textbook equation only
 roughly, and the form error fits it closely. In a short recording the difference can be as small as the noise.
@@ -31,7 +31,7 @@ from pamjax.diagnosis.select.neighbour_fits import is_reduction_significant
 from pamjax.diagnosis.select.redundant_mechanisms import compute_cost
 from pamjax.diagnosis.select.search import MechanismSearch, fit_best_candidate
 from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
-from pamjax.model.mechanism import AbstractMemory, AbstractSensor
+from pamjax.model.mechanism import AbstractMemory, AbstractSensor, AbstractSlip
 from pamjax.model.registry import MECHANISMS
 
 #: Zeros, gains and delays of sensors. A drift is not among them: it can have any course in time.
@@ -39,8 +39,8 @@ _SENSOR_ERROR_IDS = {
     kind.id for kind in MECHANISMS if issubclass(kind, AbstractSensor) and not kind.form_error.is_additive
 }
 
-#: Mechanisms that depend on earlier samples.
-_MEMORY_IDS = {kind.id for kind in MECHANISMS if issubclass(kind, AbstractMemory)}
+#: Mechanisms of the muscle whose state depends on earlier samples.
+_MEMORY_IDS = {kind.id for kind in MECHANISMS if issubclass(kind, AbstractMemory | AbstractSlip)}
 
 
 def add_masked_effects(search: MechanismSearch, fit: ModelFit) -> ModelFit:
