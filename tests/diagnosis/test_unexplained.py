@@ -13,7 +13,13 @@ from tests.view.made_up import diagnosis
 
 def build_training(result):
     return SimpleNamespace(
-        problem=result.problem, blocks=None, mask=None, seed=0, mismatch=result.mismatch, is_detected=True
+        problem=result.problem,
+        blocks=None,
+        mask=None,
+        seed=0,
+        mismatch=result.mismatch,
+        training_test=result.mismatch,
+        is_detected=True,
     )
 
 
@@ -51,3 +57,15 @@ def test_residual_test_and_templates_are_reasons(p_value, notes, expected, monke
     after = checks._test_selection(build_training(result), replace(result.selection, model=model), notes)
     assert after.unexplained == (expected is not None)
     assert after.unexplained_reason is expected
+
+
+def test_held_out_rows_do_not_raise_the_limit_of_the_residual(monkeypatch):
+    """A huge misfit of the held-out rows alone must not make that of the training rows look small."""
+    result = diagnosis()
+    training = build_training(result)
+    training.mismatch = replace(result.mismatch, mean_square=1e6)
+    residual_test = replace(result.residual_test, p_value=1e-9, mean_square=50.0)
+    monkeypatch.setattr(checks, "run_residual_test", lambda *_: residual_test)
+    monkeypatch.setattr(checks, "add_form_errors", lambda _, fit: fit)
+    selection = replace(result.selection, model=SimpleNamespace(mechanisms=("friction",)))
+    assert checks._test_selection(training, selection, []).unexplained
