@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -51,7 +52,6 @@ class Training:
         blocks: isobars, holds or cycles of these rows.
         baseline: the baseline, fitted to the training rows.
         mismatch: test of the baseline's residual on all rows, training and held-out.
-        training_test: the same on the training rows alone.
         seed: seed of the random draws for the p-values.
     """
 
@@ -60,13 +60,17 @@ class Training:
     blocks: Blocks
     baseline: ModelFit
     mismatch: ResidualTest
-    training_test: ResidualTest
     seed: int
 
     @property
     def is_detected(self) -> bool:
         """Return whether the misfit of the baseline is significant."""
         return self.mismatch.p_value < self.problem.settings.detection_p_value
+
+    @cached_property
+    def training_test(self) -> ResidualTest:
+        """Return the test of the baseline's residual on the training rows alone."""
+        return run_residual_test(self.problem, self.baseline, self.seed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +108,7 @@ def fit_baseline(rows: DiagnosedRows, seed: int) -> Training:
     problem, mask = rows.search_problem, rows.training_mask[rows.search_rows]
     baseline = fit_model(problem, mask, (), problem.neutral)
     mismatch = run_baseline_test(problem, baseline.estimate.values, seed)
-    training_test = run_residual_test(problem, baseline, seed)
-    return Training(problem, mask, rows.search_blocks, baseline, mismatch, training_test, seed)
+    return Training(problem, mask, rows.search_blocks, baseline, mismatch, seed)
 
 
 def compare_with_templates(
