@@ -101,7 +101,7 @@ def test_inverse_warns_that_form_errors_are_neglected(saved, textbook, capsys):
         assert main(["inverse", str(file), "--force", "800 N", "--length", "210 mm"]) == 0
         warnings.append(capsys.readouterr().err)
     assert (
-        "pamjax: warning: the command follows the equation of contact_pressure and neglects its form error,"
-        " the estimated difference from the equation; the ± includes this difference\n" in warnings[0]
+        "pamjax: warning: the command follows the equation of contact_pressure and neglects the form error,"
+        " the estimated difference from the equation; a stated ± includes this difference\n" in warnings[0]
     )
     assert "form error" not in warnings[1]
