@@ -116,6 +116,10 @@ def _tabulate_claims(trials: Sequence[Trial]) -> list[TableLine]:
     ]
     for mean, rate in compute_reliability(trials):
         lines.append(_build_line(f"names with a mean probability of {mean:.3f}: right", rate))
+    for probability in sorted({t.unexplained_probability for t in trials if t.unexplained_probability}):
+        outcomes = [bool(t.outside) for t in trials if t.unexplained_probability == probability]
+        label = f"an effect outside the library with probability {probability:.3f}: present"
+        lines.append(build_rate_line(label, outcomes))
     return lines
 
 

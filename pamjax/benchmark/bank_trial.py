@@ -18,6 +18,7 @@ from pamjax.benchmark.other_forms.draw import BANK_KINDS, BankRecording, draw_ba
 from pamjax.benchmark.trial import RecoveredParameter, Trial, TrialTask, diagnose_trial
 from pamjax.diagnosis.crossval.held_out_ratios import compute_held_out_ratios
 from pamjax.diagnosis.result import Diagnosis
+from pamjax.diagnosis.unexplained import compute_unexplained_probability, state_unexplained_reason
 from pamjax.records.blocks import find_blocks
 
 
@@ -64,6 +65,8 @@ def _compare_with_key(bank_recording: BankRecording, diagnosis: Diagnosis) -> di
         "probabilities": tuple(float(name.probability) for name in names),
         "reported_ties": find_reported_ties(concealed_ids, named_ids, ties),
         "unexplained": bool(diagnosis.unexplained),
+        "unexplained_probability": compute_unexplained_probability(diagnosis),
+        "unexplained_reason": state_unexplained_reason(diagnosis),
         "parameters": tuple(_compare_usual_parameters(bank_recording, diagnosis)),
         "held_out_ratios": _list_held_out_ratios(diagnosis),
         "residual_share": round(float(diagnosis.residual_share), 4),

@@ -106,6 +106,8 @@ class Trial:
         reported_ties: (concealed, named) pairs of ids in which the diagnosis reports the concealed one as a
             tie; in the bank of other forms only.
         unexplained: whether the diagnosis reports an unexplained misfit.
+        unexplained_probability: that an effect outside the library is present, in the bank of other forms.
+        unexplained_reason: the clause that states why a part is unexplained, in that bank, or "".
         before, after: held-out rmse over effective noise by channel, of the baseline and of the final model.
         iou: overlap of the located box with a true box; None without a true box.
         iou_blind: overlap of a box over the whole recording.
@@ -139,6 +141,8 @@ class Trial:
     verified_ties: tuple[tuple[str, str], ...] = ()
     reported_ties: tuple[tuple[str, str], ...] = ()
     unexplained: bool = False
+    unexplained_probability: float = 0.0
+    unexplained_reason: str = ""
     before: dict[str, float] = field(default_factory=dict)
     after: dict[str, float] = field(default_factory=dict)
     iou: float | None = None

@@ -25,7 +25,11 @@ from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.saved_model import build_model_document
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DiagnosisSettings
-from pamjax.diagnosis.unexplained import UnexplainedReason, state_unexplained_reason
+from pamjax.diagnosis.unexplained import (
+    UnexplainedReason,
+    compute_unexplained_probability,
+    state_unexplained_reason,
+)
 from pamjax.drawing import DrawableResult
 from pamjax.infer.form_errors.form_model import FormErrorModel
 from pamjax.infer.form_errors.parts import FormErrorPart
@@ -135,8 +139,7 @@ class Diagnosis(DrawableResult, NotebookText):
             "missing_physics": [_serialise_mechanism(self, mechanism) for mechanism in self.named_mechanisms],
             "unexplained": {
                 "detected": self.unexplained,
-                # 0 or 1: whether the misfit counts as unexplained, not a calibrated probability.
-                "probability": float(self.unexplained),
+                "probability": compute_unexplained_probability(self),
                 "p_value": self.residual_test.p_value,
                 "share": self.residual_share,
                 "reason": state_unexplained_reason(self),

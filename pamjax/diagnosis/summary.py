@@ -13,7 +13,7 @@ from pamjax.diagnosis.notes import (
     describe_values_at_limit,
     format_untestable_mechanisms,
 )
-from pamjax.diagnosis.unexplained import describe_unexplained_reason
+from pamjax.diagnosis.unexplained import describe_unexplained_probability, describe_unexplained_reason
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.registry import find_mechanism
 from pamjax.parameter import get_display_unit
@@ -104,6 +104,7 @@ def _format_unexplained_part(diagnosis: Diagnosis) -> Iterator[str]:
     yield f"  unexplained: {share} of the misfit; no {tested}mechanism of the library explains it{likeness}"
     if reason := describe_unexplained_reason(diagnosis):
         yield f"    {reason}"
+    yield f"    {describe_unexplained_probability(diagnosis)}"
     for box in diagnosis.residual_boxes[:2]:
         yield f"    {box.description}"
 

@@ -101,6 +101,13 @@ def test_intervals_probabilities_and_held_out_errors_are_counted():
     assert result["effects of 2 to 5 sd named"] == result["effects of 5 to 10 sd named"] == Rate(1, 1)
 
 
+def test_probability_of_an_outside_effect_is_compared_with_its_presence():
+    present = build_trial("outside", (), (), outside="stop", unexplained_probability=0.94)
+    absent = replace(present, kind="single", outside="")
+    result = tabulate(present, present, absent)
+    assert result["an effect outside the library with probability 0.940: present"] == Rate(2, 3)
+
+
 def test_killed_run_continues_after_a_truncated_line(tmp_path):
     file, done = tmp_path / "trials.jsonl", []
     tasks = build_tasks(COUNTS, (0.0, 0.9), bank="other-forms", seed=4)

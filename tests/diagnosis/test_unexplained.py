@@ -7,7 +7,7 @@ import pytest
 
 from pamjax.diagnosis import checks
 from pamjax.diagnosis.checks import CheckedSelection, cross_validate_on_blocks
-from pamjax.diagnosis.unexplained import UnexplainedReason
+from pamjax.diagnosis.unexplained import UnexplainedReason, compute_unexplained_probability
 from tests.view.made_up import diagnosis
 
 
@@ -69,3 +69,14 @@ def test_held_out_rows_do_not_raise_the_limit_of_the_residual(monkeypatch):
     monkeypatch.setattr(checks, "add_form_errors", lambda _, fit: fit)
     selection = replace(result.selection, model=SimpleNamespace(mechanisms=("friction",)))
     assert checks._test_selection(training, selection, []).unexplained
+
+
+def test_probability_of_outside_physics_follows_the_decisions():
+    """An unexplained part makes it likely, and less so beside names; the file has the same number."""
+    beside_names = replace(diagnosis(), unexplained=True)
+    alone = replace(beside_names, selection=replace(beside_names.selection, named_mechanisms=()))
+    explained = replace(alone, unexplained=False)
+    probabilities = [compute_unexplained_probability(each) for each in (alone, beside_names, explained)]
+    assert probabilities == sorted(probabilities, reverse=True)
+    assert probabilities[1] > 0.5 > probabilities[2] > 0
+    assert beside_names.as_dict()["unexplained"]["probability"] == probabilities[1]

@@ -13,7 +13,7 @@ from pamjax.diagnosis.notes import describe_untested_effects, describe_values_at
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.diagnosis.summary import format_named_estimate
-from pamjax.diagnosis.unexplained import describe_unexplained_reason
+from pamjax.diagnosis.unexplained import describe_unexplained_probability, describe_unexplained_reason
 from pamjax.model.registry import find_mechanism
 from pamjax.text import format_p_value, join_words
 from pamjax.view.wording import keep_units_with_numbers
@@ -137,6 +137,8 @@ def _describe_certainty(diagnosis: Diagnosis) -> tuple[str, ...]:
         )
     mechanisms = diagnosis.named_mechanisms
     sentences = [_describe_probability(mechanism, len(mechanisms) > 1) for mechanism in mechanisms]
+    if diagnosis.unexplained:
+        sentences.append(describe_unexplained_probability(diagnosis))
     return (*sentences, f"The misfit is beyond the noise ({test}).")
 
 
