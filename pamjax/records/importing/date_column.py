@@ -75,7 +75,7 @@ def join_date_and_clock(
     Raises:
         BadInput: for dates without exactly one column of clock times, or for an unclear row.
     """
-    dates = [header for header, cells in texts.items() if all(map(is_date, cells))]
+    dates = _list_dates(texts)
     clocks = [header for header, cells in texts.items() if is_clock_time(cells[0], with_date=False)]
     if column in dates:
         if len(clocks) != 1:
@@ -100,6 +100,28 @@ def join_date_and_clock(
     # Another file may have no dates: its clock counts from midnight.
     seconds = joined.seconds - DAY * (joined.seconds[0] // DAY)
     return None if seconds[0] < 1.0 else replace(joined, seconds=seconds)
+
+
+def describe_unused_dates(clock: str, texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """Return a note on dates that change and are not joined to the clock; empty if there are none.
+
+    Args:
+        clock: header of the column of clock times, which is used alone.
+        texts: as of `join_date_and_clock`.
+    """
+    dates = _list_dates(texts)
+    if len(dates) != 1 or len(set(texts[dates[0]])) == 1:
+        return ()
+    try:
+        _join(dates[0], clock, texts)
+    except ClockTimeError as error:
+        reason = f"with `{format_printable(error.text, MAX_CELL_CHARACTERS)}` they are unclear, or go back"
+        return (f"The dates of column `{dates[0]}` are not used: {reason}. Write dates as 2024-05-01.",)
+    return ()
+
+
+def _list_dates(texts: Mapping[str, Sequence[str]]) -> list[str]:
+    return [header for header, cells in texts.items() if all(map(is_date, cells))]
 
 
 def _join(date: str, clock: str, texts: Mapping[str, Sequence[str]]) -> JoinedTime:

@@ -16,7 +16,7 @@ from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.blank_cells import SAVE_REMEDY, BlankCells, is_blank_text
 from pamjax.records.importing.clock_times import ClockTimeError, parse_clock_times
 from pamjax.records.importing.column_unit import check_similar_headers
-from pamjax.records.importing.date_column import is_time_text, join_date_and_clock
+from pamjax.records.importing.date_column import describe_unused_dates, is_time_text, join_date_and_clock
 from pamjax.records.importing.header_line import suggest_header_line, suggest_line_with
 from pamjax.records.importing.import_spec import FilesTable
 from pamjax.records.importing.mat_file import read_mat
@@ -103,6 +103,7 @@ class RigFile:
         if joined is not None:
             self.notes = (joined.note,) if joined.differs or header == joined.date else ()
             return joined.seconds
+        self.notes = describe_unused_dates(header, texts)
         try:
             return parse_clock_times(texts[header])
         except ClockTimeError as error:

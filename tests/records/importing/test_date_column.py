@@ -57,14 +57,30 @@ def test_clock_is_joined_with_dates_if_they_change_the_time(import_rig):
         ([("2024-05-01", "0:00:00"), ("2024-05-01", "0:00:01"), ("2024-05-02", "0:00:02")], [0, 1, 2]),
         # A logger that keeps the date of the start.
         ([("2024-05-01", "23:59:59"), ("2024-05-01", "0:00:01"), ("2024-05-01", "0:00:02")], [0, 2, 3]),
-        # Month and day, or day and month.
-        ([("05/01/2024", "10:00:00"), ("05/01/2024", "10:00:01"), ("06/01/2024", "10:00:02")], [0, 1, 2]),
+        # A date that does not change has no effect.
+        ([("05/01/2024", "10:00:00"), ("05/01/2024", "10:00:01"), ("05/01/2024", "10:00:02")], [0, 1, 2]),
     ],
 )
 def test_clock_alone_has_no_note(import_rig, pairs, seconds):
     result = import_rig(rows(pairs), columns=CLOCK)
     np.testing.assert_allclose(result.case.recording.time, seconds, atol=1e-6)
     assert result.notes == ()
+
+
+def test_unclear_dates_beside_a_clock_give_a_note(import_rig):
+    pairs = [("05/01/2024", "10:00:00"), ("05/01/2024", "10:00:01"), ("06/01/2024", "10:00:02")]
+    result = import_rig(rows(pairs), columns=CLOCK)
+    np.testing.assert_allclose(result.case.recording.time, [0, 1, 2], atol=1e-6)
+    assert result.notes == (
+        "The dates of column `Date` are not used: with `05/01/2024 10:00:00` they are unclear, or go back."
+        " Write dates as 2024-05-01.",
+    )
+
+
+def test_two_columns_of_one_channel_are_refused(refuse):
+    message = refuse(rows(ONE_DAY), columns=CLOCK.replace('time = "Clock"', 'time = ["Date", "Clock"]'))
+    assert "a channel must have one column; got ['Date', 'Clock'] in [columns]" in message
+    assert message.endswith("For dates beside clock times, name the clock: the dates are joined to it.")
 
 
 @pytest.mark.parametrize("columns", [DATE, CLOCK])
