@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 from pamjax.records.files import write_atomically
 from pamjax.view.reports.cell_titles import add_cell_titles
 from pamjax.view.theme import apply_theme, escape_names
+from pamjax.view.wording import keep_units_with_numbers
 
 #: Packages whose versions each page lists at its end.
 _VERSIONED_PACKAGES = ("pamjax", "jax", "numpy", "scipy")
@@ -139,7 +140,7 @@ def _keep_options_whole(command: str) -> Markup:
 
 
 def _format_code_spans(text: str) -> Markup:
-    """Return a text in which parts between backticks are code, and no line breaks within a p-value.
+    """Return a text with code between backticks, without line breaks within a p-value or before a unit.
 
     >>> str(_format_code_spans("use `plan`"))
     'use <code>plan</code>'
@@ -157,7 +158,9 @@ def _keep_p_values_whole(text: str) -> Markup:
     """Return a text in which no line breaks within a p-value: browsers break after its hyphen."""
     parts = _P_VALUE_PATTERN.split(text)
     span = Markup('<span class="whole">{}</span>')
-    return Markup("").join(span.format(part) if k % 2 else escape(part) for k, part in enumerate(parts))
+    return Markup("").join(
+        span.format(part) if k % 2 else escape(keep_units_with_numbers(part)) for k, part in enumerate(parts)
+    )
 
 
 def write_page(path: str | Path, template: str, **context: Any) -> Path:
