@@ -111,7 +111,7 @@ class DiagnosisSettings:
         "Decrease the BIC of a mechanism with a stated value (thread compliance) by at most this",
         "favours mechanisms with stated values")
 
-    max_search_rows: int = _library(10240, "count", 100, 10**9,
+    max_search_rows: int = _library(5120, "count", 100, 10**9,
         "Select mechanisms from every second, third, ... row of a recording with more rows than this",
         "slower; faster effects are identified")
 
