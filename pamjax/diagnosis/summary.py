@@ -104,7 +104,8 @@ def _format_unexplained_part(diagnosis: Diagnosis) -> Iterator[str]:
     yield f"  unexplained: {share} of the misfit; no {tested}mechanism of the library explains it{likeness}"
     if reason := describe_unexplained_reason(diagnosis):
         yield f"    {reason}"
-    yield f"    {describe_unexplained_probability(diagnosis)}"
+    if probability := describe_unexplained_probability(diagnosis):
+        yield f"    {probability}"
     for box in diagnosis.residual_boxes[:2]:
         yield f"    {box.description}"
 

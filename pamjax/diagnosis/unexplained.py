@@ -45,10 +45,17 @@ def compute_unexplained_probability(diagnosis: Diagnosis) -> float:
     return _OUTSIDE_SHARE_BESIDE_NAMES if diagnosis.named_mechanisms else _OUTSIDE_SHARE_WITHOUT_NAMES
 
 
-def describe_unexplained_probability(diagnosis: Diagnosis) -> str:
-    """Return the probability that physics outside the library is in the recording, as a sentence."""
-    probability = compute_unexplained_probability(diagnosis)
-    return f"An effect outside the library is present with probability {probability:.2f}."
+def describe_unexplained_probability(diagnosis: Diagnosis) -> str | None:
+    """Return the source of the probability as a sentence; None where no simulated recording is similar.
+
+    Without time, many mechanisms of the library are not tested, and can be the unexplained part.
+    """
+    if not diagnosis.unexplained or not diagnosis.problem.case.recording.has_time:
+        return None
+    share = compute_unexplained_probability(diagnosis)
+    return (
+        f"Of simulated recordings with such a result, {100 * share:.0f} % have an effect outside the library."
+    )
 
 
 def describe_unexplained_reason(diagnosis: Diagnosis) -> str | None:

@@ -1,14 +1,22 @@
 """The checks state why a part of the misfit counts as unexplained."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from pamjax.diagnosis import checks
 from pamjax.diagnosis.checks import CheckedSelection, cross_validate_on_blocks
-from pamjax.diagnosis.unexplained import UnexplainedReason, compute_unexplained_probability
+from pamjax.diagnosis.unexplained import (
+    UnexplainedReason,
+    compute_unexplained_probability,
+    describe_unexplained_probability,
+)
 from tests.view.made_up import diagnosis
+
+BANKS = Path(__file__).parents[2] / "fits" / "proof" / "other_forms"
 
 
 def build_training(result):
@@ -80,3 +88,43 @@ def test_probability_of_outside_physics_follows_the_decisions():
     assert probabilities == sorted(probabilities, reverse=True)
     assert probabilities[1] > 0.5 > probabilities[2] > 0
     assert beside_names.as_dict()["unexplained"]["probability"] == probabilities[1]
+
+
+SENTENCE = "Of simulated recordings with such a result, 80 % have an effect outside the library."
+
+
+@pytest.mark.parametrize(
+    ("unexplained", "has_time", "expected"),
+    [(True, True, SENTENCE), (True, False, None), (False, True, None)],
+)
+def test_probability_is_stated_if_all_mechanisms_were_tested(unexplained, has_time, expected):
+    result = replace(diagnosis(), unexplained=unexplained)
+    recording = SimpleNamespace(has_time=has_time)
+    result = replace(result, problem=SimpleNamespace(case=SimpleNamespace(recording=recording)))
+    assert describe_unexplained_probability(result) == expected
+
+
+def test_summary_states_the_probability():
+    assert SENTENCE in str(replace(diagnosis(), unexplained=True))
+    assert SENTENCE not in str(diagnosis())
+
+
+def test_probabilities_are_those_of_the_banks():
+    """The measured shares of recordings with an outside effect, by the rule of succession."""
+    counts = {}
+    for seed in (97, 101):
+        for line in (BANKS / f"seed-{seed}" / "trials.jsonl").read_text("utf-8").splitlines():
+            trial = json.loads(line)
+            decisions = trial.get("unexplained", False), bool(trial.get("named"))
+            decisions = decisions if decisions[0] else (False, False)
+            present, total = counts.get(decisions, (0, 0))
+            counts[decisions] = (present + bool(trial.get("outside")), total + 1)
+    measured = {key: (present + 1) / (total + 2) for key, (present, total) in counts.items()}
+    beside_names = replace(diagnosis(), unexplained=True)
+    alone = replace(beside_names, selection=replace(beside_names.selection, named_mechanisms=()))
+    for result, decisions in (
+        (alone, (True, False)),
+        (beside_names, (True, True)),
+        (diagnosis(), (False, False)),
+    ):
+        assert compute_unexplained_probability(result) == pytest.approx(measured[decisions], rel=0.02)

@@ -106,17 +106,18 @@ def describe_unused_dates(clock: str, texts: Mapping[str, Sequence[str]]) -> tup
     """Return a note on dates that change and are not joined to the clock; empty if there are none.
 
     Args:
-        clock: header of the column of clock times, which is used alone.
+        clock: header of the column of time, which is used alone; with dates of its own, it has no note.
         texts: as of `join_date_and_clock`.
     """
     dates = _list_dates(texts)
-    if len(dates) != 1 or len(set(texts[dates[0]])) == 1:
+    has_own_dates = not is_clock_time(texts[clock][0], with_date=False)
+    if has_own_dates or len(dates) != 1 or len(set(texts[dates[0]])) == 1:
         return ()
     try:
         _join(dates[0], clock, texts)
     except ClockTimeError as error:
         reason = f"with `{format_printable(error.text, MAX_CELL_CHARACTERS)}` they are unclear, or go back"
-        return (f"The dates of column `{dates[0]}` are not used: {reason}. Write dates as 2024-05-01.",)
+        return (f"The dates of column `{dates[0]}` are not used: {reason}. A clear date is 2024-05-01.",)
     return ()
 
 

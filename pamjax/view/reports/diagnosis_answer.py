@@ -137,8 +137,8 @@ def _describe_certainty(diagnosis: Diagnosis) -> tuple[str, ...]:
         )
     mechanisms = diagnosis.named_mechanisms
     sentences = [_describe_probability(mechanism, len(mechanisms) > 1) for mechanism in mechanisms]
-    if diagnosis.unexplained:
-        sentences.append(describe_unexplained_probability(diagnosis))
+    if probability := describe_unexplained_probability(diagnosis):
+        sentences.append(probability)
     return (*sentences, f"The misfit is beyond the noise ({test}).")
 
 

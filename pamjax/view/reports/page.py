@@ -146,6 +146,8 @@ def _format_code_spans(text: str) -> Markup:
     'use <code>plan</code>'
     >>> str(_format_code_spans("(p < 1e-12)."))
     '(<span class="whole">p &lt; 1e-12</span>).'
+    >>> str(_format_code_spans("at 250 kPa")) == "at 250\\u00a0kPa"
+    True
     """
     parts = re.split(r"`([^`]+)`", text)
     return Markup("").join(

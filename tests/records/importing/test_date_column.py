@@ -73,8 +73,15 @@ def test_unclear_dates_beside_a_clock_give_a_note(import_rig):
     np.testing.assert_allclose(result.case.recording.time, [0, 1, 2], atol=1e-6)
     assert result.notes == (
         "The dates of column `Date` are not used: with `05/01/2024 10:00:00` they are unclear, or go back."
-        " Write dates as 2024-05-01.",
+        " A clear date is 2024-05-01.",
     )
+
+
+def test_dates_beside_a_clock_with_dates_have_no_note(import_rig):
+    pairs = [("2024-05-01", "2024-05-01 23:59:59"), ("2024-05-02", "2024-05-02 00:00:01")]
+    result = import_rig(rows(pairs), columns=CLOCK)
+    np.testing.assert_allclose(result.case.recording.time, [0, 2], atol=1e-6)
+    assert result.notes == ()
 
 
 def test_two_columns_of_one_channel_are_refused(refuse):

@@ -52,6 +52,12 @@ def test_first_screen_answers_five_questions_in_order():
             "12 % of the misfit is unexplained, similar to a stop beyond 12.0 % contraction.",
         ),
         (
+            {"unexplained": True},
+            "Missing from the baseline: friction between braid threads; part of the misfit is unexplained",
+            "How sure",
+            "Of simulated recordings with such a result, 80 % have an effect outside the library.",
+        ),
+        (
             {"named": False},
             "The baseline has a misfit that is too small to identify its cause",
             "Missing",
@@ -71,7 +77,7 @@ def test_first_screen_answers_five_questions_in_order():
             "Run this: stroke at 1 and at 50 mm/s. It separates",
         ),
     ],
-    ids=["null", "unknown", "faint", "partly", "tied"],
+    ids=["null", "unknown", "partly-sure", "faint", "partly", "tied"],
 )
 def test_first_screen_of_other_results(options, title, question, sentence):
     result = diagnosis(**options)
