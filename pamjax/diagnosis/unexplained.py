@@ -46,7 +46,7 @@ def compute_unexplained_probability(diagnosis: Diagnosis) -> float:
 
 
 def describe_unexplained_probability(diagnosis: Diagnosis) -> str | None:
-    """Return the source of the probability as a sentence; None where no simulated recording is similar.
+    """Return the share of simulated recordings as a sentence; None if no simulated recording is similar.
 
     Without time, many mechanisms of the library are not tested, and can be the unexplained part.
     """
