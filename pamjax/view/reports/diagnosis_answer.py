@@ -137,9 +137,10 @@ def _describe_certainty(diagnosis: Diagnosis) -> tuple[str, ...]:
         )
     mechanisms = diagnosis.named_mechanisms
     sentences = [_describe_probability(mechanism, len(mechanisms) > 1) for mechanism in mechanisms]
+    sentences.append(f"The misfit is beyond the noise ({test}).")
     if probability := describe_unexplained_probability(diagnosis):
         sentences.append(probability)
-    return (*sentences, f"The misfit is beyond the noise ({test}).")
+    return tuple(sentences)
 
 
 def _describe_probability(mechanism: NamedMechanism, is_named: bool) -> str:
