@@ -1,4 +1,4 @@
-"""Unexplained part of a misfit: its reasons, their sentences, and the probability that it is physics."""
+"""Unexplained part of a misfit: its reasons, and the probability of an effect outside the library."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from pamjax.text import format_p_value
 if TYPE_CHECKING:
     from pamjax.diagnosis.result import Diagnosis
 
-#: Share of recordings with an effect outside the library: with an unexplained part and no named mechanism,
-#: with an unexplained part beside mechanisms, and without an unexplained part. Measured with seeds 97 and 101
-#: of the bank of other forms (63 of 66, 19 of 23, 2 of 211), of which 28 % have such an effect. By the rule
-#: of succession, k of n give (k + 1) / (n + 2). Source: docs/validation.md.
-_OUTSIDE_SHARE_WITHOUT_NAMES, _OUTSIDE_SHARE_BESIDE_NAMES, _OUTSIDE_SHARE_IF_EXPLAINED = 0.94, 0.80, 0.014
+#: Shares of recordings with an effect outside the library, by the result. Measured with seeds 97 and 101 of
+#: the bank of other forms (63 of 66, 19 of 23, 2 of 211), of which 28 % have such an effect. By the rule of
+#: succession, k of n give (k + 1) / (n + 2). Source: docs/statistics.md.
+_OUTSIDE_SHARE_WITHOUT_NAMES = 0.94
+_OUTSIDE_SHARE_BESIDE_NAMES = 0.80
+_OUTSIDE_SHARE_IF_EXPLAINED = 0.014
 
 
 class UnexplainedReason(Enum):

@@ -1,4 +1,4 @@
-"""The checks state why a part of the misfit counts as unexplained."""
+"""Why a part of the misfit counts as unexplained, and how probable an outside effect then is."""
 
 import json
 from dataclasses import replace

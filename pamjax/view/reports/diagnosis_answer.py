@@ -16,7 +16,6 @@ from pamjax.diagnosis.summary import format_named_estimate
 from pamjax.diagnosis.unexplained import describe_unexplained_probability, describe_unexplained_reason
 from pamjax.model.registry import find_mechanism
 from pamjax.text import format_p_value, join_words
-from pamjax.view.wording import keep_units_with_numbers
 
 #: Probabilities above this limit are shown as "above 0.99".
 _MAX_SHOWN_PROBABILITY = 0.995
@@ -98,11 +97,7 @@ def list_answers(
         Answer("Stated values", tuple(describe_values_at_limit(diagnosis.problem, diagnosis.model))),
         Answer("Next", _describe_next_step(diagnosis, model)),
     ]
-    return [
-        Answer(answer.question, tuple(map(keep_units_with_numbers, answer.sentences)))
-        for answer in answers
-        if answer.sentences
-    ]
+    return [answer for answer in answers if answer.sentences]
 
 
 def _describe_missing(diagnosis: Diagnosis) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from tests.view.made_up import diagnosis, planned, table
 
 def answers_of(result):
     """Return the sentences of the first screen, by question."""
-    return {a.question: " ".join(a.sentences).replace("\u00a0", " ") for a in list_answers(result)}
+    return {a.question: " ".join(a.sentences) for a in list_answers(result)}
 
 
 def test_first_screen_answers_five_questions_in_order():
