@@ -39,7 +39,7 @@ def run_proof(
         tasks: the tasks.
         file: file of trials, one on each line; every trial is appended as soon as it is done.
         workers: number of processes.
-        progress: called with a description and the completed share.
+        progress: called with a description and the completed fraction.
         attempt: function from task to trial, by default `trial.run_trial`; with several workers it must be
             importable by name.
 

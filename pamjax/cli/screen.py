@@ -147,7 +147,7 @@ def check_writable(folder: Path, label: str = "`--out`") -> None:
         raise BadInput.from_rule(
             f"{label} must be a writable folder",
             f"{existing_parent}, which is not",
-            remedy="Name another folder.",
+            remedy="Choose another folder.",
         )
 
 

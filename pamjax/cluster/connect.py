@@ -46,7 +46,7 @@ def check_packages() -> None:
         names = missing[0] if len(missing) == 1 else f"{', '.join(missing[:-1])} and {missing[-1]}"
         rule = f"`pamjax fleet` needs {format_count(len(missing), 'more package')}: {names}"
         raise BadInput.from_rule(
-            rule, remedy=f"Run `{_INSTALL_COMMAND}` in the folder of the clone of pamjax."
+            rule, remedy=f"Run `{_INSTALL_COMMAND}` in the folder of the pamjax repository."
         )
 
 

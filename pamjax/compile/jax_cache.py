@@ -53,7 +53,7 @@ def keep_compiled(folder: str | Path | None = None) -> Path | None:
         if not chosen_folder:
             return None
         rule = "only you may write to the folder for compiled programs, because pamjax runs its files"
-        remedy = "Choose another folder, delete this one, or withdraw the rights of others (chmod go-w)."
+        remedy = "Choose another folder, delete this one, or remove others' write permission (chmod go-w)."
         raise BadInput.from_rule(rule, f"{folder}", place, remedy)
     # JAX issues one warning for each program if the disk is full or the folder disappears.
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache")

@@ -152,7 +152,7 @@ class Inverse:
     """Inverse model of a muscle within a range.
 
     Attributes:
-        muscle: the muscle, or a bench; sensors, rig and memory of a bench are neglected.
+        muscle: the muscle, or a `Bench` with mechanisms; its sensors, rig and memory are neglected.
         pressures: lowest and highest pressure, Pa.
         lengths: shortest and longest length, m.
     """
@@ -323,7 +323,7 @@ def inverse(
         the `Inverse`; its methods return force, pressure and length, SI.
 
     Raises:
-        BadInput: for an empty range, or for a bench without `lengths`.
+        BadInput: for an empty range, or for a muscle with mechanisms without `lengths`.
 
     Example:
         inverse = pamjax.inverse(pamjax.load_muscle("mine"))
@@ -340,7 +340,9 @@ def inverse(
     if lengths is None and "length" not in calibrated_range:
         if isinstance(muscle, Bench):
             raise BadInput.from_rule(
-                "a bench needs `lengths`", "none", remedy="State the shortest and the longest length."
+                "a muscle with mechanisms needs `lengths`",
+                "none",
+                remedy="State the shortest and the longest length.",
             )
         rest_length = (
             muscle.muscle_toml.rest_length.value

@@ -29,7 +29,7 @@ def diagnose_all(
         cases: the recordings, with different names.
         seed: seed of the random draws for the p-values.
         settings: thresholds of the diagnosis.
-        progress: called with the name of the step and the share done.
+        progress: called with the current step and the completed fraction.
         workers: number of threads, at most one for each case; if omitted, the number of cores, at most four.
 
     Yields:

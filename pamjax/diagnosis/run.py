@@ -90,7 +90,7 @@ def diagnose(
         case: the recording and the stated values of its muscle, or their folder.
         seed: seed of the random draws for the p-values.
         settings: thresholds of the diagnosis.
-        progress: called with the name of the step and the share done.
+        progress: called with the current step and the completed fraction.
 
     Returns:
         the `Diagnosis`; `print` shows its summary, `plot` draws it.

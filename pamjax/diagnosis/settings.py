@@ -129,16 +129,16 @@ class DiagnosisSettings:
         "Correct the bias due to input noise if the χ² of the propagated noise exceeds this",
         "fewer fits are corrected")
     max_correction_steps: int = _refit(6, "count", 0, 1000,
-        "Limit the Gauss–Newton steps of that correction to this",
+        "Limit the Gauss–Newton steps of the correction for input noise to this",
         "the correction can go further")
     min_correction_decrease: float = _refit(1.0, "χ² with priors", 0.0, 1e4,
-        "End that correction when a step decreases χ² by less than this",
+        "End the correction for input noise when a step decreases χ² by less than this",
         "the correction is faster and less complete")
     min_misfit_mean_square: float = _refit(MIN_MISFIT_MEAN_SQUARE, "noise variances", 1.0, 1e6,
         "Weight the samples for systematic misfit if their mean squared residual exceeds this",
         "fewer models are weighted")
     misfit_weighting_rounds: int = _refit(2, "count", 1, 100,
-        "Refit this many times with that weight",
+        "Refit this many times with the weight for systematic misfit",
         "the weight is more consistent with the misfit")
     correlation_sweeps: int = _refit(2, "count", 0, 100,
         "Refine the noise correlation of each channel this many times after the selection",
@@ -165,10 +165,10 @@ class DiagnosisSettings:
         "less is reported as unexplained")
     ranges_per_axis: int = _detect(5, "count", 2, 100,
         "Test a shift of the mean in this many ranges of pressure and of contraction",
-        "smaller regions are found; each needs a larger deviation")
+        "smaller regions are detected; each needs a larger deviation")
     time_ranges: int = _detect(20, "count", 2, 1000,
         "Test a shift of the mean in this many intervals of time",
-        "shorter events are found; each needs a larger deviation")
+        "shorter events are detected; each needs a larger deviation")
     min_samples_in_region: int = _detect(12, "count", 1, 10**6,
         "Test a region if it has at least this many samples",
         "small regions are not tested")
@@ -203,7 +203,7 @@ class DiagnosisSettings:
         "the search ends earlier")
     max_form_share: float = _select(MAX_FORM_SHARE, "share of the effect", 0.0, 1.0,
         "Allow for a difference of at most this (rms) between an effect and its textbook equation",
-        "fewer mechanisms are added beside another one")
+        "fewer mechanisms are added to another one")
     shortlist_length: int = _select(6, "count", 1, 100,
         "Refit this many mechanisms roughly at each step",
         "slower; fewer mechanisms are missed")
@@ -214,7 +214,7 @@ class DiagnosisSettings:
         "End a rough refit after this many evaluations",
         "slower; rough refits rank better")
     strained_prior_sd: float = _select(2.5, "sd of the prior", 0.0, 100.0,
-        "Start a second refit at the stated values if a baseline parameter is farther from its own than this",
+        "Start a second refit at the stated values if a parameter is farther than this from its stated value",
         "fewer second starts")
     max_mechanisms: int = _select(4, "count", 0, 20,
         "Limit the number of mechanisms in a model to this",
@@ -223,7 +223,7 @@ class DiagnosisSettings:
         "Treat two models as indistinguishable if their BIC differs by less than this",
         "more mechanisms count as indistinguishable")
     tie_excess_share: float = _select(0.1, "share of the excess χ²", 0.0, 10.0,
-        "Add this to that difference for a model with misfit",
+        "Increase the limit `tie_chi2` by this for a model with misfit",
         "more mechanisms count as indistinguishable")
     rivals_refitted: int = _select(5, "count", 1, 100,
         "Refit this many rivals for each identified mechanism",
@@ -247,7 +247,7 @@ class DiagnosisSettings:
         "Replace mechanisms by pairs in at most this many rounds",
         "slower; fewer mechanisms are missed")
     max_noise_chi2_sd: float = _select(2.0, "sd of the χ² of noise", 0.0, 100.0,
-        "Treat an excess χ² below this as noise (also in cross-validation and beside a template)",
+        "Treat an excess χ² below this as noise (also in cross-validation and with a template)",
         "more models count as complete")
     same_pair_chi2_share: float = _select(0.001, "share of the BIC reduction", 0.0, 1.0,
         "Treat two pairs with one common mechanism as the same if they differ by less than this",
@@ -284,8 +284,8 @@ class DiagnosisSettings:
         "fewer minima contribute to the standard deviations")
 
     # Cross-validation on whole blocks.
-    min_explained_fraction: float = _crossval(5 / 6, "fraction of the excess χ²", 0.0, 1.0,
-        "Report a part as unexplained if the mechanisms explain less than this fraction of left-out misfit",
+    min_explained_fraction: float = _crossval(5 / 6, "share of the excess χ²", 0.0, 1.0,
+        "Report a part as unexplained if the mechanisms explain less than this share of left-out misfit",
         "an unexplained part is reported more often")
     min_blocks_for_cross_validation: int = _crossval(3, "count", 2, 1000,
         "Cross-validate mechanisms if the recording has at least this many blocks",
@@ -339,10 +339,10 @@ class DiagnosisSettings:
         "boxes are smoother")
     min_one_sided_ratio: float = _report(0.4, "ratio of mean to rms", 0.0, 1.0,
         "Report one sign of a deviation if its mean is at least this",
-        "fewer sentences give one sign")
+        "fewer sentences state one sign")
     min_trend_correlation: float = _report(0.9, "1", 0.0, 1.0,
         "Report a trend if a deviation has at least this correlation with pressure or contraction",
-        "fewer sentences give a trend")
+        "fewer sentences state a trend")
     trend_end_share: float = _report(0.1, "share of the samples", 0.001, 0.5,
         "Average this share of the samples at each end of a trend",
         "the ends are averaged over more samples")
@@ -354,7 +354,7 @@ class DiagnosisSettings:
         "sentences need not hold in small parts")
     min_part_distance_share: float = _report(0.2, "share of a box's range", 0.0, 1.0,
         "State the places of two parts in a sentence if they are farther apart than this",
-        "fewer sentences give places")
+        "fewer sentences state places")
 
     min_stuck_readings: int = _report(3, "count", 2, 10**6,
         "Compare with a stuck length or force channel if it repeats a reading this often",
@@ -366,7 +366,7 @@ class DiagnosisSettings:
         "Describe an unexplained part by an effect outside the library if its probability is at least this",
         "fewer descriptions")
     min_likeness_excess_share: float = _report(0.5, "share of the excess χ²", 0.0, 1.0,
-        "Describe an unexplained part by such an effect if it explains at least this share of it",
+        "Describe an unexplained part by an effect that explains at least this share of this part",
         "fewer descriptions")
 
     # Next experiment.

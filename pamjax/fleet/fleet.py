@@ -106,7 +106,7 @@ class Fleet:
 def open_fleet(store: str | Path) -> Fleet:
     """Return the results of a fleet from its store.
 
-    Needs the optional packages: `pip install -e '.[fleet]'` in the clone.
+    Needs the optional packages: `pip install -e '.[fleet]'` in the repository.
 
     Args:
         store: folder that `pamjax fleet` wrote.
@@ -124,7 +124,7 @@ def open_fleet(store: str | Path) -> Fleet:
     from importlib.util import find_spec
 
     if find_spec("pyarrow") is None:
-        remedy = "Run `pip install -e '.[fleet]'` in the folder of the clone of pamjax."
+        remedy = "Run `pip install -e '.[fleet]'` in the folder of the pamjax repository."
         raise BadInput.from_rule("a fleet needs 1 more package: pyarrow", remedy=remedy)
     return build_fleet(Path(store), read_tables(Path(store)))
 

@@ -39,7 +39,7 @@ class GroupTable(_FleetTable):
 
     Attributes:
         cases: patterns of case folders, relative to the folder of the fleet.
-        bench: test bench that recorded them.
+        bench: rig that recorded them.
         serial: serial number of the specimen.
         type: type of the muscle; cases of one type are compared with each other.
         date: day of the recording.

@@ -53,7 +53,7 @@ def list_findings(answers: FleetAnswers) -> list[str]:
 def _format_quiet_result(answers: FleetAnswers) -> str:
     """Return the sentence of a fleet without a finding: nothing differs, or nothing was compared."""
     if answers.distributions:
-        return "No outlier, no difference between benches and no drift."
+        return "No outlier, no difference between rigs and no drift."
     return (
         f"No specimens were compared: fewer than {MIN_SPECIMENS} of one type have an estimate of the same"
         " parameter."
@@ -76,7 +76,7 @@ def _format_bench_frequency(frequency: BenchFrequency, condition: str) -> Iterat
     for bench in frequency.deviating_benches:
         count, total = frequency.by_bench[bench]
         yield (
-            f"{frequency.id} is {condition} in {count} of {total} recordings{kind} on bench {bench},"
+            f"{frequency.id} is {condition} in {count} of {total} recordings{kind} on rig {bench},"
             f" and in {frequency.count - count} of {frequency.total - total} of the others"
             f" (p = {frequency.p_values[bench]:.1g})."
         )
@@ -89,7 +89,7 @@ def _format_bench_differences(distribution: ParameterDistribution) -> Iterator[s
         direction = "higher" if slope.value > 0 else "lower"
         change = format_value(abs(slope.value), slope.sd, distribution.unit)
         yield (
-            f"{name_distribution(distribution)} is {direction} on bench {bench} by {change}"
+            f"{name_distribution(distribution)} is {direction} on rig {bench} by {change}"
             f" (p = {slope.p_value:.1g})."
         )
 

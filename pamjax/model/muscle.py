@@ -63,7 +63,7 @@ class Muscle(eqx.Module):
         geometry: geometry of the braid.
         terms: other stored energies.
 
-    Neglects: memory (friction, relaxation, slip) and the bench.
+    Neglects: memory (friction, relaxation, slip) and the rig.
 
     >>> from pamjax.model.thread import LinearThread
     >>> muscle = Muscle(0.235744, 0.251206, 1.09, LinearThread(144 * 0.0858e-6 * 80e9))

@@ -69,7 +69,7 @@ def compare_pair(
         problem: the recording and the library.
         first, second: ids of the mechanisms.
         mechanisms: ids of mechanisms in both models.
-        progress: called with the current step and the completed share.
+        progress: called with the current step and the completed fraction.
     """
     progress("fitting mechanisms", 0.05)
     baseline = fit_baseline(problem)

@@ -181,7 +181,7 @@ def discriminate(
     Args:
         case: the recording, or its folder.
         first, second: ids of the mechanisms.
-        progress: called with the current step and the completed share.
+        progress: called with the current step and the completed fraction.
         mechanisms: ids of mechanisms in both models, such as the others that a diagnosis names.
 
     Returns:
@@ -200,7 +200,7 @@ def discriminate(
     for id in ids:
         if ids.count(id) > 1:
             raise BadInput.from_rule(
-                "a discrimination needs different mechanisms", f"{id!r} twice", remedy="Name another one."
+                "a discrimination needs different mechanisms", f"{id!r} twice", remedy="Choose another one."
             )
     library_problem = build_library_problem(case)
     available_ids = {candidate.id for candidate in build_candidates(library_problem)}
@@ -228,7 +228,7 @@ def _build_unavailable_error(id: str, case: Case) -> BadInput:
         remedy = "Record strokes first: `plan` proposes runs."
         return BadInput.from_rule(rule, "a table without time", case.name, remedy)
     rule = "a mechanism must have an effect on the recording that its baseline does not include"
-    return BadInput.from_rule(rule, f"{id!r} without such an effect", case.name, "Name another mechanism.")
+    return BadInput.from_rule(rule, f"{id!r} without such an effect", case.name, "Choose another mechanism.")
 
 
 def save_discrimination(discrimination: Discrimination, folder: Path) -> list[Path]:

@@ -91,7 +91,7 @@ def format_plan_sentence(plan: Plan) -> str:
     """Return the duration and the expected precision; with a misfit, the warning first."""
     misfit = format_misfit(plan)
     return (
-        f"{misfit}; if the model were right, {_format_expected_precision(plan, 'would')}"
+        f"{misfit}; if the model were correct, {_format_expected_precision(plan, 'would')}"
         if misfit
         else _format_expected_precision(plan, "will")
     )

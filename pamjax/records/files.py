@@ -33,7 +33,7 @@ def read_bytes(path: Path) -> bytes:
         raise BadInput.from_rule(f"the file {path} does not exist", remedy="Check the path.") from error
     except IsADirectoryError as error:
         raise BadInput.from_rule(
-            f"{path} must be a file", "a folder", remedy="Name the file in it."
+            f"{path} must be a file", "a folder", remedy="State the path of a file."
         ) from error
     except OSError as error:
         raise BadInput.from_rule(

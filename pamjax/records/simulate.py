@@ -33,7 +33,7 @@ def simulate(
     that of the set force. Length and diameter are NaN where the muscle has no equilibrium length.
 
     Args:
-        muscle: the true muscle, or a bench with the muscle.
+        muscle: the true muscle, or a `Bench`: a muscle with mechanisms.
         schedule: pressure and length at every sample.
         sensors: noise of each channel; a channel without noise is exact.
         seed: seed of the noise.

@@ -96,7 +96,7 @@ def search_choices(
         starts: number of starts of each of the best choices.
         seed: seed of the screening.
         method: one of `optimise.METHODS`, for the final searches.
-        progress: receives the current step and the completed fraction.
+        progress: called with the current step and the completed fraction.
 
     Returns:
         the results, the best first, and the number of choices that were screened but not optimised.

@@ -41,13 +41,13 @@ def size(
 
     Args:
         spec: a TOML file, or a mapping with the same entries.
-        starts: number of searches of each of the best choices.
+        starts: number of starting points for each of the best choices.
         method: "slsqp", or "trust-constr", which also uses exact second derivatives.
         seed: seed of the screening and of the random draws.
         stock: whether to use tubes and yarns of sizes that are sold; otherwise any diameter and wall.
         inelastic_and_front: whether to compute the errors of the inelastic assumption, and the front of two
             objectives.
-        progress: receives the current step and the completed fraction.
+        progress: called with the current step and the completed fraction.
 
     Returns:
         the design; if no muscle meets the spec, the nearest one with the necessary relaxations.

@@ -61,7 +61,7 @@ def search_stock(
         results: feasible choices of the continuous search, the best first.
         spec, task, transfer: of this search.
         seed: seed of the screening.
-        progress: receives the current step and the completed fraction.
+        progress: called with the current step and the completed fraction.
 
     Returns:
         the results. A rubber without tubes in the table keeps its free diameter and wall.

@@ -13,8 +13,7 @@ _NOISE_TOLERANCE = 0.01
 
 #: Sentence for the caption of lines that follow the rows in time.
 BRANCHES_SENTENCE = (
-    "Where a line has two branches, the model differs between the way there and the way back,"
-    " as with friction."
+    "A line has two branches where the model depends on the direction of motion, for example by friction."
 )
 
 
@@ -60,7 +59,7 @@ def wrap_title(text: str, letters: int) -> str:
 
 def format_history(case: Case) -> str:
     """Return the assumed history of the muscle, and what happens to its memory at gaps."""
-    history = "at rest" if case.before == "relaxed" else "preconditioned by one pass of the same recording"
+    history = "at rest" if case.before == "relaxed" else "in the state after one pass of this recording"
     memory = "continues across" if case.gaps == "carry" else "restarts at"
     return f"Before its first row the muscle is {history}; its memory {memory} gaps of the recording"
 

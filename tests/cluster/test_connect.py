@@ -19,7 +19,7 @@ def test_missing_packages_are_named_with_the_command_that_installs_them(monkeypa
     )
     message = (
         "`pamjax fleet` needs 1 more package: distributed. Run `pip install -e '.[fleet]'` in the folder of"
-        " the clone of pamjax."
+        " the pamjax repository."
     )
     with pytest.raises(BadInput, match=re.escape(message)):
         connect.check_packages()

@@ -91,6 +91,8 @@ def test_named_folder_of_a_group_is_refused_and_unchanged(unset_cache, monkeypat
     folder.mkdir()
     folder.chmod(0o775)
     monkeypatch.setenv("PAMJAX_CACHE_DIR", str(unset_cache.parent))
-    with pytest.raises(BadInput, match=r"only you may write .*withdraw the rights of others \(chmod go-w\)"):
+    with pytest.raises(
+        BadInput, match=r"only you may write .*remove others' write permission \(chmod go-w\)"
+    ):
         keep_compiled(folder if by_argument else None)
     assert stat.S_IMODE(folder.stat().st_mode) == 0o775

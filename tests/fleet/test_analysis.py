@@ -27,7 +27,7 @@ def test_quiet_fleet_has_no_finding(tmp_path):
     assert (distribution.type, distribution.name, distribution.unit) == ("made", "thread.modulus", "GPa")
     low, high = distribution.pooled.between_interval
     assert low < 2.0 < high
-    assert list_findings(answers) == ["No outlier, no difference between benches and no drift."]
+    assert list_findings(answers) == ["No outlier, no difference between rigs and no drift."]
 
 
 def test_identical_cases_count_once(tmp_path):
@@ -60,10 +60,10 @@ def test_bench_with_a_wrong_gauge_is_named(tmp_path):
     answers = answer(tmp_path, values, benches=benches, mechanisms=mechanisms)
     findings = list_findings(answers)
     assert findings[0].startswith(
-        "pressure_gain is identified in 12 of 12 recordings of made on bench south,"
+        "pressure_gain is identified in 12 of 12 recordings of made on rig south,"
         " and in 0 of 12 of the others"
     )
-    assert any("lower on bench north by" in line for line in findings)
+    assert any("lower on rig north by" in line for line in findings)
     (frequency,) = answers.mechanisms
     assert frequency.by_bench == {"north": (0, 12), "south": (12, 12)}
     # Exact interval for 12 of 24 (Clopper and Pearson).
@@ -83,7 +83,7 @@ def test_number_at_its_limit_on_one_bench_is_named(tmp_path):
     answers = answer(tmp_path, draw(16), benches=["north", "south"] * 8, limits=range(1, 16, 2))
     (line,) = list_findings(answers)
     assert line.startswith(
-        "thread.modulus is at its limit in 8 of 8 recordings of made on bench south, and in 0 of 8"
+        "thread.modulus is at its limit in 8 of 8 recordings of made on rig south, and in 0 of 8"
     )
     (distribution,) = answers.distributions
     assert distribution.estimates.cases == tuple((f"case-{k:02d}",) for k in range(0, 16, 2))
@@ -107,7 +107,7 @@ def test_later_recordings_on_another_bench_are_no_drift(tmp_path):
     values = [value + 12.0 * (k >= 12) for k, value in enumerate(draw(24))]
     answers = answer(tmp_path, values, benches=["north"] * 12 + ["south"] * 12)
     (line,) = list_findings(answers)
-    assert "is lower on bench north by" in line
+    assert "is lower on rig north by" in line
 
 
 def test_drift_within_each_bench_is_named(tmp_path):
@@ -161,10 +161,10 @@ def test_recordings_of_one_serial_number_are_one_specimen(tmp_path):
     assert distribution.estimates.cases[1] == tuple(f"case-{k:02d}" for k in range(6, 12))
     assert distribution.pooled.sd == pytest.approx(np.full(4, 0.5 / np.sqrt(6)), rel=1e-3)
     assert distribution.pooled.estimate == pytest.approx([94.25, 94.25, 90.25, 90.25], abs=0.02)
-    assert list_findings(answers) == ["No outlier, no difference between benches and no drift."]
+    assert list_findings(answers) == ["No outlier, no difference between rigs and no drift."]
     # Negative control: 24 serial numbers.
     (line,) = list_findings(answer(tmp_path / "b", values, benches=benches))
-    assert "is higher on bench north by" in line
+    assert "is higher on rig north by" in line
 
 
 def test_equal_serial_numbers_of_two_types_are_two_specimens(tmp_path):

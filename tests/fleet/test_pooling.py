@@ -65,7 +65,7 @@ def test_simulated_spread_is_recovered():
         errors.append([np.mean((pooled.shrunken - truth) ** 2), np.mean((y - truth) ** 2)])
     assert stats.binomtest(covered, 200, 0.95).pvalue > 1e-3
     assert np.mean(pooled_sds) == pytest.approx(1.0, abs=0.08)
-    assert np.mean(plain) > 1.4  # a negative control: the specimens' own uncertainty is not taken out
+    assert np.mean(plain) > 1.4  # a negative control: the specimens' own uncertainty is not removed
     assert stats.binomtest(alarms, 200, 0.05).pvalue > 1e-3
     shrunken_error, own_error = np.mean(errors, axis=0)
     assert shrunken_error < 0.6 * own_error

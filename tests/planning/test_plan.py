@@ -215,7 +215,7 @@ def test_misfit_of_a_recording_is_reported_and_counts_as_noise(muscle_toml, stro
     assert "does not fit" not in str(met)
     first, promised = str(missed).partition("\n")[0], str(met).partition("\n")[0]
     assert "the model does not fit its recording (rms residual over noise:" in first
-    assert "`pamjax diagnose` first; if the model were right" in first
+    assert "`pamjax diagnose` first; if the model were correct" in first
     # A predicted value has its sd; one that depends on a wrong muscle has one digit.
     assert " ± " in promised
     assert " ± " not in first
@@ -272,7 +272,7 @@ def test_title_of_a_plan_fits_a_narrow_screen(muscle_toml, stroke):
     figure = plot_precision(wrong, course, narrow=True)
     figure.draw_without_rendering()
     title = figure.axes[0]._left_title
-    assert " ".join(title.get_text().split()).endswith("if the model were right")
+    assert " ".join(title.get_text().split()).endswith("if the model were correct")
     assert title.get_window_extent().x1 <= figure.bbox.x1
 
 

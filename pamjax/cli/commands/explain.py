@@ -44,7 +44,7 @@ def _write_figure(name: str | None, file: Path) -> None:
         raise BadInput.from_rule("`--figure` needs the name of a mechanism", name or "no name", remedy=remedy)
     if file.suffix != ".png":
         raise BadInput.from_rule(
-            "`--figure` must be a PNG file", str(file), remedy=f"Name it {file.with_suffix('.png')}."
+            "`--figure` must be a PNG file", str(file), remedy=f"Write {file.with_suffix('.png')}."
         )
     kind = find_mechanism(name)
     check_writable(file.parent, "the folder of `--figure`")

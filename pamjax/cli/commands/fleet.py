@@ -56,7 +56,7 @@ def run(
     """Check, fit and diagnose many recordings in parallel, and collect the results in a store.
 
     The store has a folder for each case and Parquet tables of all of them. The same command continues an
-    interrupted run. `pip install -e '.[fleet]'` in the clone adds the packages that it needs. `pamjax fleet
+    interrupted run. `pip install -e '.[fleet]'` in the repository adds its packages. `pamjax fleet
     status STORE` prints the state, and `pamjax fleet report STORE` writes a report about the specimens.
 
     Args:
@@ -137,7 +137,7 @@ def status(store: Path, /, *, json: Json = False) -> None:
 
 @fleet.command
 def report(store: Path, /) -> None:
-    """Compare the specimens of a fleet: distributions, outliers, benches, drift, mechanisms.
+    """Compare the specimens of a fleet: distributions, outliers, rigs, drift, mechanisms.
 
     Writes report.html and the Parquet tables to the folder of the store. Prints the findings.
 

@@ -24,7 +24,7 @@ def new(folder: Path, /, *, fleet: bool = False, json: Json = False) -> None:
         return
     if folder.is_dir() and any(folder.iterdir()):
         raise BadInput.from_rule(
-            "a new case needs an empty folder", f"{folder}, which has files", remedy="Name another folder."
+            "a new case needs an empty folder", f"{folder}, which has files", remedy="Choose another folder."
         )
     recording, muscle = write_template(folder)
     if json:

@@ -39,7 +39,7 @@ def prove(
 ) -> None:
     """Test `pamjax diagnose` on simulated recordings with concealed effects.
 
-    Every recording has a random muscle, bench, noise and random effects. The command appends each result to
+    Every recording has a random muscle, rig, noise and random effects. The command appends each result to
     trials.jsonl; the same command continues an interrupted run. At the end it writes table.md, table.csv,
     table.json and figures of all results in the folder.
 
@@ -80,7 +80,9 @@ def prove(
         counts, correlations, workers = _QUICK_COUNTS, _QUICK_CORRELATIONS, max(workers, 2)
     if bank == "other-forms" and (stage == "score" or form_error):
         option = "--stage score" if stage == "score" else "--form-error"
-        raise BadInput.from_rule(f"the bank of other forms has no `{option}`", remedy="Remove the option.")
+        raise BadInput.from_rule(
+            f"`{option}` is not possible with the bank of other forms", remedy="Remove the option."
+        )
     if stage == "score":
         counts = {"nothing": counts["nothing"]}
     for name, count in (counts | {"seed": seed}).items():

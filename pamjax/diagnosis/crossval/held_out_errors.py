@@ -31,7 +31,7 @@ class HeldOutErrors:
         equation_prediction: (2, n) the latter without form errors.
         baseline_rmse, model_rmse: by channel, SI, over held-out rows; without channels that have none.
         equation_rmse: by channel, that of `equation_prediction`.
-        expected_rmse: by channel, that of a right model: from the noise, the standard deviations of the
+        expected_rmse: by channel, that of a correct model: from the noise, the standard deviations of the
             parameters and the form errors.
     """
 

@@ -53,7 +53,7 @@ class MechanismSearch:
         training_mask: (n,) whether a row is used in the fit.
         baseline: refit of the baseline.
         candidates: the candidates.
-        progress: called with the name of the step and the share done.
+        progress: called with the current step and the completed fraction.
     """
 
     problem: LibraryProblem

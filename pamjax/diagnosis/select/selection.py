@@ -110,7 +110,7 @@ def select_mechanisms(
         problem: the recording and the library.
         training_mask: (n,) whether a row is used in the fit.
         baseline: refit of the baseline to these rows.
-        progress: called with the name of the step and the share done.
+        progress: called with the current step and the completed fraction.
     """
     candidates = build_candidates(problem)
     baseline_directions = compute_score_directions(problem, baseline.noise, baseline.estimate, candidates)

@@ -56,7 +56,7 @@ def add_small_effects(
         problem: the recording and the library.
         fit: the model of the search.
         candidates: the candidates.
-        progress: called with the name of the step and the share done.
+        progress: called with the current step and the completed fraction.
     """
     start_fit = reweight_by_misfit(problem, fit)
     if not fit.mechanisms or start_fit.noise.weight == 1:

@@ -38,7 +38,7 @@ def cross_validate(
         loss: the loss of the fit.
         fold_count: number of folds.
         seed: seed of the assignment of blocks to folds.
-        progress: called with the fraction done.
+        progress: called with the completed fraction.
 
     Returns:
         for each case the folds, as (n,) masks of held-out rows, and the predictions of those rows. These are

@@ -70,7 +70,7 @@ def fit(
     """Return the calibration of a muscle on a recording, or of several muscles on several recordings.
 
     A parameter stated with a standard deviation is free, with a Gaussian prior. A parameter stated without
-    one is fixed. The fit has no offsets and gains of the test rig, unless `mechanisms` includes them.
+    one is fixed. The fit has no zero and gain errors of the rig, unless `mechanisms` includes them.
 
     Args:
         cases: one case or several, or their folders.
@@ -82,7 +82,7 @@ def fit(
         starts: number of starting points of the minimiser.
         fold_count: number of folds of the cross-validation.
         seed: seed of the starting points and of the folds.
-        progress: called with the current step and the fraction done.
+        progress: called with the current step and the completed fraction.
 
     Returns:
         the `Fit`; `print` shows its summary, `to_frame` returns its estimates as a table.

@@ -155,7 +155,7 @@ def _format_sentences(
     sentences = []
     names = [f"`{d.name}`" for d in results if d.is_determined]
     if names:
-        sentences.append(f"This recording can determine {join_words(names)}, if the model is right.")
+        sentences.append(f"This recording can determine {join_words(names)}, if the model is correct.")
     sentences += [format_combination(changes, kinds) for changes in combinations]
     shortage = describe_row_shortage(count_informative_samples(case), [d.prior_sd for d in results])
     return [*sentences, shortage] if shortage else sentences

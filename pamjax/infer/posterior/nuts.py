@@ -64,7 +64,7 @@ def _import_blackjax() -> Any:
     try:
         import blackjax
     except ImportError as error:
-        remedy = "Run `pip install -e '.[nuts]'` in the folder of the clone of pamjax."
+        remedy = "Run `pip install -e '.[nuts]'` in the folder of the pamjax repository."
         raise BadInput.from_rule("the sampler nuts needs blackjax", "no such package", "", remedy) from error
     return blackjax
 

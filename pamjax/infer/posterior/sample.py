@@ -66,7 +66,7 @@ def sample(
         max_draws: maximum draws of one walker or chain.
         seed: seed of the sampler, and of the fit.
         checkpoint: folder in which the chain is saved and from which it is resumed; None for none.
-        progress: called with the current step and the fraction done.
+        progress: called with the current step and the completed fraction.
 
     Returns:
         the `Posterior`; `print` shows its summary, `plot` draws it.

@@ -66,7 +66,7 @@ def run_sampler(
         checkpoint: the folder of the chain.
         state: initial state, if no draws are saved.
         targets: smallest effective sample size, largest split-R̂, and maximum draws of a chain.
-        progress: called with the current step and the fraction done.
+        progress: called with the current step and the completed fraction.
 
     Returns:
         the chunks of draws, and their convergence diagnostics.

@@ -141,8 +141,8 @@ class ChannelEntry(_ImportTable):
 def _wrap_column(raw: object) -> object:
     if isinstance(raw, list):
         remedy = (
-            "Write one header without brackets. For dates beside clock times, name the clock: the dates are"
-            " joined to it."
+            "Write one header without brackets. If dates and clock times have a column each, state that of"
+            " the clock: the dates are joined to it."
         )
         raise BadInput.from_rule("a channel must have one column", f"{raw!r}", "[columns]", remedy)
     return {"column": raw} if isinstance(raw, str | int) else raw

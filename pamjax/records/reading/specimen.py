@@ -1,4 +1,4 @@
-"""Origin of a recording: test bench, serial number, type of the muscle, and day."""
+"""Origin of a recording: rig, serial number, type of the muscle, and day."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Specimen:
     """Origin of a recording; None if not stated.
 
     Attributes:
-        bench: test bench that recorded it.
+        bench: rig that recorded it.
         serial: serial number of the specimen.
         type: type of the muscle.
         date: day of the recording.

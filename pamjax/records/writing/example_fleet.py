@@ -71,7 +71,7 @@ def write_example_fleet(folder: str | Path) -> Path:
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise BadInput.from_rule(
-            "a new fleet needs an empty folder", f"{folder}, which exists", remedy="Name another folder."
+            "a new fleet needs an empty folder", f"{folder}, which exists", remedy="Choose another folder."
         )
     random = np.random.default_rng(0)
     with write_folder_atomically(folder) as temporary:

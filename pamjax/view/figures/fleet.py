@@ -120,7 +120,7 @@ def _draw_map(shares: np.ndarray, rows: list[str], cases: pd.DataFrame, title: s
             labels = [_shorten_name(str(case)) for case in cases["case"]]
             panel.set_xticks(np.arange(len(cases)) + 0.5, labels, rotation=90)
         else:
-            panel.set_xlabel(f"{len(cases)} recordings, by bench and date")
+            panel.set_xlabel(f"{len(cases)} recordings, by rig and date")
             panel.set_xticks([])
         _mark_benches(panel, [None if pd.isna(bench) else str(bench) for bench in cases["bench"]])
         panel.set_title(_wrap(title, narrow), pad=18)
@@ -150,7 +150,7 @@ def _plot_frequency_map(answers: FleetAnswers, narrow: bool) -> Figure | None:
     columns = benches or ["all"]
     shares = np.array([_list_shares(frequency, benches) for frequency in answers.mechanisms])
     table = pd.DataFrame({"case": columns, "bench": [None] * len(columns)})
-    title = "Share of the recordings of each bench in which a mechanism is identified"
+    title = "Share of the recordings of each rig in which a mechanism is identified"
     return _draw_map(shares, [name_frequency(f) for f in answers.mechanisms], table, title, narrow)
 
 
@@ -210,7 +210,7 @@ def _draw_specimens(panel: Axes, distribution: ParameterDistribution, x: np.ndar
         members = np.array([not is_split or bench == name for bench in benches])
         style = {"fmt": "o", "ms": 3, "lw": 0.7, "color": OKABE_ITO[colour]}
         panel.errorbar(x[members], pooled.estimate[members], pooled.sd[members], **style)
-        text = f"bench {_shorten_name(name)}" if name else "no or several benches"
+        text = f"rig {_shorten_name(name)}" if name else "no or several rigs"
         handles.append(create_mark(text if is_split else "specimens", marker="o", color=OKABE_ITO[colour]))
     if pooled.outliers.any():
         style = {"marker": "o", "ms": 8, "mfc": "none", "ls": "", "color": OKABE_ITO["vermilion"]}

@@ -60,7 +60,7 @@ def plot_precision(plan: Plan, course: PrecisionCourse, narrow: bool = False) ->
         drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 2.7)
         panel = drawing.subplots()
         _plot_precision_course(panel, plan, course)
-        condition = ", if the model were right" if format_misfit(plan) else ""
+        condition = ", if the model were correct" if format_misfit(plan) else ""
         title = f"{_format_reached_precision(plan, course)}{condition}"
         panel.set_title(wrap_title(title, 42) if narrow else title)
         handles = [create_mark("expected after each run", marker="o", ls="-", color=OKABE_ITO["black"])]

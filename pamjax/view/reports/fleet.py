@@ -120,7 +120,7 @@ def _format_ridge_caption(distribution: ParameterDistribution) -> str:
     """Return what the curves of a ridge are, and which specimens it leaves out."""
     text = "Each curve: one specimen with its own uncertainty. Lowest curve: the distribution over specimens."
     if distribution.shares_prior:
-        text += " A prior that several specimens share is taken out."
+        text += " A prior that several specimens share is removed."
     if distribution.unusable_count:
         text += (
             f" {format_count(distribution.unusable_count, 'recording')} without a usable estimate left out."

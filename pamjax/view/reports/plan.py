@@ -89,7 +89,7 @@ def format_answer(plan: Plan) -> list[str]:
     )
     return [
         f"{_capitalise(misfit)}. The expected standard deviations are therefore not reliable.",
-        f"If the model were right, {_format_runs(plan)}{precision}.",
+        f"If the model were correct, {_format_runs(plan)}{precision}.",
     ]
 
 

@@ -21,8 +21,14 @@ from tests.benchmark.trials import made_up
         (["--stage", "half"], "--stage"),
         (["--mixed", "2"], "`--mixed` needs the bank of other forms. Add --bank other-forms."),
         (["--write", "x"], "`--write` needs the bank of other forms. Add --bank other-forms."),
-        (["--bank", "other-forms", "--stage", "score"], "the bank of other forms has no `--stage score`."),
-        (["--bank", "other-forms", "--form-error", "0.1"], "the bank of other forms has no `--form-error`."),
+        (
+            ["--bank", "other-forms", "--stage", "score"],
+            "`--stage score` is not possible with the bank of other forms.",
+        ),
+        (
+            ["--bank", "other-forms", "--form-error", "0.1"],
+            "`--form-error` is not possible with the bank of other forms.",
+        ),
     ],
 )
 def test_invalid_options_give_one_error_line(words, message, capsys, tmp_path):

@@ -79,7 +79,7 @@ def test_chosen_muscle_can_be_simulated(tmp_path, capsys):
 
 def test_folder_and_other_words_are_refused_with_a_remedy(tmp_path, capsys):
     assert main(["size", str(tmp_path)]) == 2
-    assert "must be a file; got a folder. Name the file in it." in capsys.readouterr().err
+    assert "must be a file; got a folder. State the path of a file." in capsys.readouterr().err
     (tmp_path / "spec.toml").write_text('minimise = "weight"\n[supply]\npressure = "4 bar"\n')
     assert main(["size", str(tmp_path / "spec.toml")]) == 2
     assert "Did you mean `mass`?" in capsys.readouterr().err

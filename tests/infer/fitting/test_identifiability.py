@@ -44,7 +44,7 @@ def test_complete_recording_determines_all_parameters():
     assert all(d.is_determined for d in parameters)
     assert sentences == [
         "This recording can determine `muscle.thread_length`, `muscle.turns` and `thread.modulus`, "
-        "if the model is right."
+        "if the model is correct."
     ]
 
 

@@ -87,7 +87,7 @@ def test_dates_beside_a_clock_with_dates_have_no_note(import_rig):
 def test_two_columns_of_one_channel_are_refused(refuse):
     message = refuse(rows(ONE_DAY), columns=CLOCK.replace('time = "Clock"', 'time = ["Date", "Clock"]'))
     assert "a channel must have one column; got ['Date', 'Clock'] in [columns]" in message
-    assert message.endswith("For dates beside clock times, name the clock: the dates are joined to it.")
+    assert message.endswith("state that of the clock: the dates are joined to it.")
 
 
 @pytest.mark.parametrize("columns", [DATE, CLOCK])

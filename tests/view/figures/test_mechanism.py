@@ -124,7 +124,7 @@ def test_explain_draws_the_figure(tmp_path, capsys):
             "`--figure` needs the name of a mechanism; got thread.modulus",
         ),
         (["--figure", "a.png"], "`--figure` needs the name of a mechanism; got no name"),
-        (["braid_friction", "--figure", "a.pdf"], "`--figure` must be a PNG file; got a.pdf. Name it a.png."),
+        (["braid_friction", "--figure", "a.pdf"], "`--figure` must be a PNG file; got a.pdf. Write a.png."),
         (["braid_frction", "--figure", "a.png"], "Did you mean `braid_friction`?"),
     ],
 )

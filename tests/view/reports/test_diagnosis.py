@@ -351,7 +351,7 @@ def test_no_line_breaks_within_a_p_value(variant):
 def test_expected_error_is_explained_where_it_is_shown(variant):
     text = Page(read_report(variant)).text
     explanation = (
-        "The expected error is that of a right model, from the noise and the uncertainty of its parameters."
+        "The expected error is that of a correct model, from the noise and the uncertainty of its parameters."
         " If the error with mechanisms is more than 3 times as large, the report has an unexplained part."
     )
     assert (explanation in text) == ("expected from noise and parameters" in text)

@@ -89,8 +89,8 @@ def test_names_are_not_capitalised():
 
 def test_caption_has_the_marks_of_the_figure():
     assert _format_prediction_caption(strokes()) == (
-        "Points: measured values. Lines: fitted model. Where a line has two branches, the model differs"
-        " between the way there and the way back, as with friction."
+        "Points: measured values. Lines: fitted model. A line has two branches where the model depends on"
+        " the direction of motion, for example by friction."
     )
     scattered = made_up_fit(np.linspace(1e5, 4e5, 9), 0.2 - 0.02 * np.linspace(0, 1, 9) ** 2)
     assert _format_prediction_caption(scattered) == "Points: measured values. Crosses: fitted model."

@@ -32,7 +32,7 @@ def test_each_case_leads_to_its_report(tmp_path):
     links = find_links(page)
     assert links == [f"cases/case-{k:02d}/diagnose/report.html" for k in range(12)]
     assert all((tmp_path / link).is_file() for link in links)
-    assert "pressure_gain is identified in 6 of 6 recordings of made on bench south" in text
+    assert "pressure_gain is identified in 6 of 6 recordings of made on rig south" in text
     # Map of mechanisms, ridge and control chart, each wide and narrow.
     assert sum(tag == "svg" for tag, _ in page.elements) == 6
     assert not [tag for tag, _ in page.elements if tag in ("script", "img", "link", "iframe")]
@@ -87,7 +87,7 @@ def test_large_fleet_has_a_short_page(tmp_path):
         tmp_path, 150, benches=["north", "south"] * 75, mechanisms=[["pressure_gain"], []] * 75
     )
     assert "40 of 150 specimens are drawn" in text
-    assert "Share of the recordings of each bench" in text
+    assert "Share of the recordings of each rig" in text
 
 
 def test_equal_fleets_give_equal_reports(tmp_path):
