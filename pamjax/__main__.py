@@ -1,4 +1,4 @@
-"""Start of the command `pamjax`: an interruption while Python loads modules is one line, too."""
+"""Start of the command `pamjax`. An interruption while Python loads modules also prints one line."""
 
 from __future__ import annotations
 

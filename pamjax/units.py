@@ -60,13 +60,13 @@ _UNIT_PATTERN = re.compile(
     rf"(?:\s*[*/·\s]\s*\(?\s*{_UNIT_NAME}\s*\)?)*\s*\)?"
 )
 
-#: Smallest and largest magnitude of a number in SI, beside 0; their squares still fit in a float.
+#: Smallest and largest magnitude of a number in SI, except 0; their squares still fit in a float.
 MAGNITUDE_LIMITS = (1e-30, 1e30)
 
 #: Units of length that some people write as a sign.
 UNIT_SIGNS = {'"': "in", "\u2033": "in", "''": "in", "\u201d": "in", "'": "ft"}
 
-#: Names of units that a mistyped unit may mean, beside the symbols of `suggest_units`.
+#: Names of units that a mistyped unit may mean, in addition to the symbols of `suggest_units`.
 UNIT_NAMES = {
     "length": ("millimetre", "millimeter", "centimetre", "centimeter", "metre", "meter", "inch", "foot"),
     "pressure": ("pascal", "kilopascal", "megapascal", "millibar"),
@@ -76,7 +76,7 @@ UNIT_NAMES = {
     "angle": ("degree", "radian"),
 }
 
-#: Errors of pint's parser beside its own.
+#: Other errors that pint's parser raises, in addition to its own.
 _PARSER_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError, TypeError, tokenize.TokenError)
 
 #: Longest text of a unit.

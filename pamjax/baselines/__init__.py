@@ -1,1 +1,1 @@
-"""Competitors of a diagnosis in common practice: empirical formulas, a Gaussian process and stepwise BIC."""
+"""Standard methods for comparison: empirical formulas, a Gaussian process and stepwise BIC."""

@@ -1,4 +1,4 @@
-"""Gaussian process on the residual of the baseline: the flexible curve to compare mechanisms with.
+"""Gaussian process on the residual of the baseline, for comparison with the mechanisms.
 
     measured = baseline(pressure, length) + δ(pressure, contraction, direction, speed) + noise
     δ ~ GP(0, s² exp(−½ Σ (Δx_i / ℓ_i)²))

@@ -8,7 +8,7 @@ decreases, with k fitted parameters. The library, its derivatives, priors and li
 The differences are the noise model, no correction for the number of tested candidates, and no other
 criterion than BIC.
 
-The rows are those of the diagnosis' own fit. The other common practice, a flexible curve on the residual of
+The rows are those of the diagnosis' own fit. Another standard method, a Gaussian process on the residual of
 the baseline, is in `gaussian_process.py`.
 """
 

@@ -1,1 +1,1 @@
-"""Simulation study of `pamjax prove`: known effects in simulated recordings, diagnosed blindly."""
+"""Simulation study of `pamjax prove`: diagnoses of recordings with concealed effects."""

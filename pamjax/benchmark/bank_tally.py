@@ -74,7 +74,7 @@ def compute_f1(recall: Rate | None, precision: Rate | None) -> float | None:
 
 
 def _tabulate_outside(trials: Sequence[Trial]) -> list[TableLine]:
-    """Return the lines on effects outside the library, alone and beside one mechanism."""
+    """Return the lines on effects outside the library, alone and together with one mechanism."""
     outside_trials, mixed_trials = ([t for t in trials if t.kind == kind] for kind in ("outside", "mixed"))
     return [
         build_rate_line("outside alone: an unexplained misfit", [t.unexplained for t in outside_trials]),

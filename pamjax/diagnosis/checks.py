@@ -167,7 +167,7 @@ def check_on_held_out_rows(
 
 
 def _drop_harmful_mechanisms(training: Training, checked_selection: CheckedSelection) -> CheckedSelection:
-    """Return the selection; beside an unexplained part, without mechanisms that increase held-out errors."""
+    """Return the selection; if a part is unexplained, without mechanisms that increase held-out errors."""
     if not checked_selection.unexplained:
         return checked_selection
     problem, before = training.problem, checked_selection.selection

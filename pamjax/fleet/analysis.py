@@ -36,7 +36,7 @@ class ParameterDistribution:
         name, unit: the parameter and its display unit.
         estimates: estimate of each specimen, in the order of the arrays in `pooled`.
         pooled: the distribution.
-        shares_prior: whether a prior that several specimens share was taken out.
+        shares_prior: whether a prior that several specimens share was removed.
         unusable_count: number of recordings without a usable estimate.
         benches: by bench, difference of its specimens to all others.
         deviating_benches: benches that differ, with a Bonferroni correction over benches and distributions.

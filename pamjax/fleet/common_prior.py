@@ -1,14 +1,14 @@
 """Estimates of specimens as they follow from their recordings, without a prior that several of them share.
 
 A posterior y ± s from a prior m ± p and a recording contains the prior. If several specimens state the same
-prior, for example the modulus of a data sheet, it is one statement and not one per specimen. It is then taken
-out, which leaves the recording's own estimate (normal approximation):
+prior, for example the modulus of a data sheet, it is one statement and not one per specimen. It is then
+removed, which leaves the recording's own estimate (normal approximation):
 
     1/l² = 1/s² − 1/p²,    estimate = l² (y/s² − m/p²)
 
 A prior that one specimen alone states is a measurement of this specimen, for example of its thread length.
 It stays in the estimate, and in one of several recordings of this specimen. A recording that has less
-information than a prior to take out is left out. Parameters without a prior stay as they are.
+information than the removed prior is excluded. Parameters without a prior stay as they are.
 Derived here from the product of two normal densities.
 """
 
@@ -34,8 +34,7 @@ def extract_estimates(table: pd.DataFrame) -> tuple[pd.DataFrame, bool]:
 
     Returns:
         columns `case`, `specimen`, `value` and `sd`, and whether specimens share a prior. Estimates at a
-        limit and estimates without sd are left out, and those with less information than a prior that was
-        taken out.
+        limit and estimates without sd are excluded, and those with less information than a removed prior.
     """
     usable = table["sd"].gt(0) & np.isfinite(table["value"]) & ~table["at_limit"].fillna(False).astype(bool)
     rows = select_rows(table, usable)

@@ -109,8 +109,8 @@ def write_folder_atomically(folder: str | Path) -> Iterator[Path]:
 def write_results_together(folder: str | Path, earlier_names: Sequence[str] = ()) -> Iterator[Path]:
     """Yield a temporary folder inside `folder`, whose files move to `folder` at the end, all or none.
 
-    So a killed command or a full disk leaves no new result beside the report of an earlier one. The folder is
-    created with its parents. Its other files are unchanged.
+    So a killed command or a full disk leaves no new result next to the report of an earlier one. The folder
+    is created with its parents. Its other files are unchanged.
 
     Args:
         folder: the output folder.

@@ -271,7 +271,7 @@ def _draw_slots(
 def _size_form(
     form: DrawnForm, target: float, baseline: BaselineFit, slots: list[_Slot], rng: np.random.Generator
 ) -> _Slot | None:
-    """Return a form with its amplitude beside the others; None if it cannot reach its target."""
+    """Return a form with its amplitude in the presence of the others; None if it cannot reach its target."""
     sign = float(rng.choice([-1.0, 1.0])) if form.is_signed else 1.0
     amplitude = _scale(form, sign, target, baseline, [slot.effect for slot in slots])
     return None if amplitude is None else _Slot(form, sign, target, amplitude)

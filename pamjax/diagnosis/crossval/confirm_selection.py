@@ -15,7 +15,7 @@ If a part of the misfit is unexplained, the certainty of the remaining mechanism
 `doubtful_certainty_share`). Certainty is the distance of a probability from `established_probability`.
 
 Limits: a mechanism that replaces physics outside the library can explain left-out blocks too. It is then
-named with a low probability, beside an unexplained part.
+named with a low probability, and a part is unexplained.
 """
 
 from __future__ import annotations

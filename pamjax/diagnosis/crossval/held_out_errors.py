@@ -1,6 +1,6 @@
 """Errors on held-out blocks, which neither the fits nor the search for mechanisms use.
 
-Beside an unexplained part, they can remove a mechanism (`held_out_ratios.py`).
+If a part is unexplained, they can remove a mechanism (`held_out_ratios.py`).
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ class Experiment:
         separates: ids of the mechanisms that it distinguishes.
         power: probability that it identifies the true mechanism at the false-alarm rate of the settings.
         minutes: duration, min.
-        id: id of the protocol in the menu.
+        id: id of the protocol in the list.
         chi2_limit: increase of χ² at which the second model is rejected.
     """
 
@@ -122,7 +122,7 @@ def evaluate_protocols(
     ids: tuple[str, str],
     progress: Progress = ignore_progress,
 ) -> list[Experiment]:
-    """Return every protocol of the menu with its power to distinguish two models."""
+    """Return every protocol of the list with its power to distinguish two models."""
     out, settings = [], testbed.problem.settings
     menu = PROTOCOL_MENU if testbed.rig.load is None else ISOTONIC_MENU
     for k, protocol in enumerate(menu):

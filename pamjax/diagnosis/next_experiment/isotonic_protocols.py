@@ -1,4 +1,4 @@
-"""Menu of short protocols for an isotonic rig, which sets the force and measures the length.
+"""List of short protocols for an isotonic rig, which sets the force and measures the length.
 
 A protocol ramps the pressure at one set force, or measures a parameter directly. The rig has no load cell,
 and its length is free. Pressures and speeds are within the range of the recording.
@@ -16,7 +16,7 @@ from pamjax.diagnosis.next_experiment.protocols import (
 )
 from pamjax.diagnosis.next_experiment.rig import Corner, RigLimits
 
-#: Protocols of the menu of `protocols.py` that need neither a load cell nor a set length.
+#: Protocols of the list in `protocols.py` that need neither a load cell nor a set length.
 _SHARED_IDS = ("X11", "X12", "X14")
 
 

@@ -1,4 +1,4 @@
-"""Menu of short protocols for the next experiment, scaled to the muscle and the rig.
+"""List of short protocols for the next experiment, scaled to the muscle and the rig.
 
 A protocol moves pressure and length along straight lines between corners, measures a parameter directly, or
 does both. Direct measurements use a vented gauge, a dead weight, or a steel bar in the grips. Amplitudes and
@@ -22,7 +22,7 @@ REFERENCE_SD_SHARE, GAUGE_BLOCK_SD_M = 1e-3, 2e-5
 
 @dataclass(frozen=True)
 class PlannedProtocol:
-    """A protocol of the menu.
+    """A protocol of the list.
 
     Attributes:
         id: id, for example "X4".

@@ -68,7 +68,7 @@ def _estimate_table_variances(
         return [None] * len(CHANNELS)
     misfit = problem.measured - problem.predict(problem.neutral)
     rows_by_channel = [np.isfinite(misfit[c]) & training_mask for c in range(len(CHANNELS))]
-    # In an isotonic test the length is a reading: the force is set beside the pressure.
+    # In an isotonic test the length is a reading: force and pressure are set.
     second_input = recording.force if recording.measures_length else recording.length
     return [
         estimate_table_variance(recording.pressure[rows], second_input[rows], misfit[c, rows])

@@ -4,7 +4,7 @@ Several mechanisms together can imitate such an effect. The best template is add
 with one mechanism less, and to the baseline. If the best of these is better than the model without a
 template, mechanisms are removed one by one. The criterion −2 ln L + k ln n of `outside/template_fits.py` must
 stay below that of the model without a template, and within the setting `tie_chi2` of its smallest value. A
-mechanism that explained a part of the effect is often superfluous beside the template.
+mechanism that explained a part of the effect is often superfluous in a model with the template.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def replace_by_template(
     better = _find_smallest(with_template, limit) or cheapest
     better = _remove_mechanisms(problem, build_templates_at, better, limit)
     if len(better.fit.mechanisms) == len(fit.mechanisms):
-        # All mechanisms explain something beside the template: the template is only a likeness.
+        # All mechanisms are also necessary with the template: the template is only a likeness.
         return selection, []
     named_mechanisms = [
         mechanism for mechanism in selection.named_mechanisms if mechanism.id in better.fit.ids
@@ -87,7 +87,7 @@ def _find_smallest(template_fits: Sequence[TemplateFit], limit: float) -> Templa
 def _remove_mechanisms(
     problem: LibraryProblem, build_templates_at: TemplateBuilder, template_fit: TemplateFit, limit: float
 ) -> TemplateFit:
-    """Return a fit with a template without the mechanisms that it does not need beside the template."""
+    """Return a fit with a template without the mechanisms that the template makes unnecessary."""
     smaller_fits = _list_smaller_fits(problem, template_fit.fit)
     smaller = _find_smallest(
         find_best_template_fits(problem, build_templates_at, smaller_fits, template_fit), limit

@@ -3,7 +3,7 @@
 A candidate that is added must pass three tests:
 
 significant   its reduction of χ² is improbable for noise, over all candidates
-substantial   it explains a good part of the remaining misfit: textbook equations are not accurate to the
+substantial   it explains a large part of the remaining misfit: textbook equations are not accurate to the
               noise, and the small residual of a large effect is no second effect
 sizeable      the misfit that it alone explains is not small relative to that of the baseline, or it explains
               all of the remaining misfit
@@ -11,7 +11,7 @@ sizeable      the misfit that it alone explains is not small relative to that of
 All three tests allow for the form errors of the mechanisms that are in the model already. At the end, each
 mechanism is tested again. It stays if it passes with the form errors of the others, or without them.
 
-The third test is omitted if small effects together leave only noise.
+The limit of the third test is smaller if small effects together leave only noise.
 """
 
 from __future__ import annotations
@@ -87,7 +87,9 @@ class MechanismSearch:
         may_be_small: bool,
         candidate: Candidate | None = None,
     ) -> bool:
-        """Return whether a candidate is significant, substantial and, unless `may_be_small`, sizeable.
+        """Return whether a candidate is significant, substantial and sizeable.
+
+        The limit of the size is smaller with `may_be_small`.
 
         Args:
             reduced_fit: the model without it.
@@ -193,7 +195,7 @@ def _add_candidates(
 ) -> tuple[ModelFit, ModelFit | None]:
     """Return the model with further mechanisms, and the best extension that is not worthwhile.
 
-    Mechanisms are added one at a time as long as each is worthwhile beside the form errors of the others.
+    Mechanisms are added one at a time as long as each passes the tests with the form errors of the others.
     Known score directions at the model, or its known best extension, are not computed again.
     """
     while len(fit.mechanisms) < search.settings.max_mechanisms:

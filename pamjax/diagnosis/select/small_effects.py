@@ -1,4 +1,4 @@
-"""Search for small effects beside a large one, in a model whose residual is more than noise.
+"""Search for small effects in addition to a large one, in a model whose residual is more than noise.
 
 Textbook equations are not accurate to the noise of a load cell. Their misfit is smooth, and with thousands of
 samples it would bias stated values and further mechanisms. Therefore the samples are first weighted by the

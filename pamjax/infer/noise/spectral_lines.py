@@ -1,7 +1,7 @@
 """Lines in the spectrum of a residual: a periodic disturbance is no noise.
 
 A ripple of the pressure, or mains interference, changes from sample to sample as noise does. In the estimate
-of the noise from neighbouring samples it would count as noise, and hide itself. The spectrum separates them:
+of the noise from neighbouring samples, it would count as noise. The spectrum separates them:
 noise is spread over all frequencies. A line is removed if noise has so large an amplitude anywhere with
 a probability below `_MAX_PROBABILITY`. For the power P at one of N frequencies, over the mean around it,
 

@@ -1,1 +1,1 @@
-"""Everything that models leave out, one mechanism a file."""
+"""Mechanisms that a model may include, one file for each."""

@@ -64,7 +64,7 @@ class MapAxis:
 def _compute_standard_residual(diagnosis: Diagnosis) -> np.ndarray:
     """Return measured − baseline in standard deviations of the noise, (2, n); NaN without a measurement.
 
-    The noise is that of the result: an unstated noise that is estimated beside the baseline contains misfit.
+    The noise is that of the result: an unstated noise that is estimated with the baseline contains misfit.
     """
     problem = diagnosis.problem
     misfit = problem.measured - problem.predict(diagnosis.baseline.estimate.values)

@@ -165,7 +165,7 @@ def _describe_location(diagnosis: Diagnosis) -> tuple[str, ...]:
 
 
 def _describe_held_out_errors(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return the held-out error of each channel without and with the mechanisms, beside the noise."""
+    """Return the held-out error of each channel without and with the mechanisms, with the noise."""
     errors, noise = diagnosis.held_out_errors, diagnosis.as_dict()["noise"]
     if not errors.baseline_rmse:
         independent = "no independent rows confirm this result"
