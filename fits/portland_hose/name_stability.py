@@ -136,9 +136,9 @@ class StabilitySummary:
     Attributes:
         diagnoses: number of diagnoses, without the references.
         same: number of them with the names of their reference.
-        kept, identical, named: number of reference names that stay, that stay with the same id, and of all;
+        kept, identical, named: number of reference names that remain, of those with the same id, and of all;
             each is counted once for each diagnosis.
-        new: number of names that come.
+        new: number of new names.
         ratios: held-out error over that of the reference: smallest, geometric mean, largest.
     """
 

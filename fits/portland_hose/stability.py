@@ -164,8 +164,8 @@ def format_summary_row(title: str, summary: StabilitySummary) -> str:
 def format_summary(changes: dict[tuple[str, str], Change]) -> str:
     """Return the summary by hose, by treatment and over all, as a Markdown table."""
     lines = [
-        "| group | diagnoses with the same names | reference names that stay (same id)"
-        " | names that come"
+        "| group | diagnoses with the same names | reference names that remain (same id)"
+        " | new names"
         " | error over reference: smallest, geometric mean, largest |",
         "|---|---|---|---|---|",
     ]

@@ -59,7 +59,7 @@ def prove(
             equation, sensors may be misstated; docs/validation.md describes it).
         form_error: relative difference between concealed effects and the equations of their mechanisms, 0 to
             0.5; it varies smoothly over pressure and length.
-        rivals: also evaluate common practice, BIC selection and a Gaussian process.
+        rivals: also evaluate two standard methods: forward selection by BIC, and a Gaussian process.
         quick: run a small study with fixed numbers of recordings and correlations on two cores.
         workers: number of processes; each needs some gigabytes of memory and compiles the model once.
         seed: random seed for all recordings.
