@@ -153,7 +153,7 @@ class DiagnosisSettings:
         "more detections and more false alarms")
     mean_square_level_share: float = _detect(0.05, "share of the level", 1e-6, 0.999,
         "Assign this part of the significance level to the mean square of the residual",
-        "misfit without a direction is detected earlier, other misfit later")
+        "misfit without a direction is detected more often, other misfit less often")
     significance_draws: int = _detect(10000, "count", 10, 10**8,
         "Compute a p-value from this many random draws",
         "p-values are slower and more accurate")
@@ -212,7 +212,7 @@ class DiagnosisSettings:
         "slower; fewer mechanisms are missed")
     rough_evaluations: int = _select(10, "count", 1, 1000,
         "End a rough refit after this many evaluations",
-        "slower; rough refits rank better")
+        "slower; the best mechanisms are selected more reliably")
     strained_prior_sd: float = _select(2.5, "sd of the prior", 0.0, 100.0,
         "Start a second refit at the stated values if a parameter is farther than this from its stated value",
         "fewer second starts")
@@ -347,11 +347,11 @@ class DiagnosisSettings:
         "Average this share of the samples at each end of a trend",
         "the ends are averaged over more samples")
     ranges_per_box: int = _report(5, "count", 2, 100,
-        "Require a sentence to hold in each of this many ranges of pressure and of contraction",
-        "sentences must hold in smaller parts")
+        "Require a sentence to be true in each of this many ranges of pressure and of contraction",
+        "sentences must be true in smaller parts")
     min_part_share: float = _report(0.02, "share of a box's rows", 0.0, 1.0,
-        "Require a sentence to hold in a part of a box if the part has at least this share of its rows",
-        "sentences need not hold in small parts")
+        "Require a sentence to be true in a part of a box if the part has at least this share of its rows",
+        "sentences need not be true in small parts")
     min_part_distance_share: float = _report(0.2, "share of a box's range", 0.0, 1.0,
         "State the places of two parts in a sentence if they are farther apart than this",
         "fewer sentences state places")

@@ -10,8 +10,8 @@ fast one less. The prior of ρ′ is one half at zero and one half uniform up to
 `max_noise_correlation`. The likelihood is the estimate from neighbours' differences with its standard error.
 This error is large if the sensor noise is a small part of the total. The input noise is known only to a share
 of its variance. A channel without an estimated correlation has the uncertainty of a variance from that many
-squared differences. If the recording determines the variance of a sensor too, because its noise is not stated
-or the statement may be inexact, variance and correlation are uncertain together (`sensor_posterior.py`).
+squared differences. If the noise of a sensor is not stated, or the statement may be inexact, the recording
+also determines its variance. Variance and correlation are then uncertain together (`sensor_posterior.py`).
 Neglects: the ends of runs, and the posterior correlation of sensor noise and propagated noise.
 Source: filtering of a stationary process, derived here.
 """
