@@ -11,6 +11,7 @@ import numpy as np
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import BadInput, suggest_word
 from pamjax.notebook import NotebookText
+from pamjax.records.checks.clipped_sensors import find_clipped_sensors
 from pamjax.records.checks.force_zero import check_force_zero
 from pamjax.records.checks.isotonic_units import check_isotonic_units
 from pamjax.records.checks.stuck_sensors import find_stuck_sensors
@@ -184,7 +185,8 @@ def build_case(
     warnings += check_units(recording, muscle_toml, units, file)
     warnings += check_isotonic_units(recording, muscle_toml, units, file)
     warnings += check_force_zero(recording, muscle_toml, file)
-    warnings += find_stuck_sensors(recording, file)
+    # A long clipped sequence is also a stuck sensor: one warning is sufficient.
+    warnings += find_stuck_sensors(recording, file) or find_clipped_sensors(recording, file)
     _check_length_below_thread(recording, muscle_toml, units.get("length", DISPLAY_UNIT["length"]), file)
     return Case(
         name=folder.resolve().name,

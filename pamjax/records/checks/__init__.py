@@ -1,1 +1,1 @@
-"""Check a recording for unit errors and stuck sensors."""
+"""Check a recording for unit errors, stuck and clipped sensors."""
