@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pamjax.cli.options import Json
+from pamjax.cli.overwrite import check_replaceable
 from pamjax.cli.screen import (
     REPORT_FILE,
     announce_compilation,
@@ -58,7 +59,9 @@ def diagnose(
     parsed_cases, errors = [], []
     for folder in cases:
         try:
-            parsed_cases.append(read_case(folder))
+            case = read_case(folder)
+            check_replaceable(out / case.name, _list_names(beside, report))
+            parsed_cases.append(case)
         except BadInput as error:
             errors.append(_name_case(folder, error) if len(cases) > 1 else error)
     names = [case.name for case in parsed_cases]
@@ -114,10 +117,14 @@ def diagnose(
 
 def _list_files(diagnosis: Diagnosis, out: Path, compared: bool, report: bool) -> list[Path]:
     """Return the files that the command wrote for a case."""
-    case = diagnosis.problem.case
+    folder = out / diagnosis.problem.case.name
+    return [folder / name for name in _list_names(compared, report)]
+
+
+def _list_names(compared: bool, report: bool) -> list[str]:
+    """Return the names of the files for each case."""
     optional_files = [*(["gain.json"] if compared else []), *([REPORT_FILE] if report else [])]
-    names = ["diagnosis.json", "prediction.csv", "model.json", *optional_files]
-    return [out / case.name / name for name in names]
+    return ["diagnosis.json", "prediction.csv", "model.json", *optional_files]
 
 
 def _print_errors(errors: list[BadInput]) -> None:

@@ -11,6 +11,7 @@ from cyclopts import Parameter
 
 from pamjax.cli.earlier_fit import describe_earlier_fit, list_earlier_files
 from pamjax.cli.options import DEFAULT_MODEL, Json, ModelOptions
+from pamjax.cli.overwrite import check_replaceable
 from pamjax.cli.screen import (
     REPORT_FILE,
     check_writable,
@@ -48,7 +49,7 @@ def fit(
     Args:
         cases: case folders, each with recording.csv and muscle.toml.
         out: output folder. Files of an earlier fit in it are replaced, and the command states which fit this
-            was; other files are unchanged.
+            was. Other files are unchanged: if one has the name of a result, the command stops before the fit.
         form_error: allow for differences between effects and the equations of the mechanisms.
         loss: square (least squares) or soft (robust: limits the influence of outliers).
         starts: number of starting points of the minimiser.
@@ -63,9 +64,15 @@ def fit(
     parsed_cases = model.read_cases(cases)
     from pamjax.compile.jax_cache import keep_compiled
     from pamjax.infer.fitting.fit import fit as calibrate
-    from pamjax.infer.fitting.io import build_fit_document, save
+    from pamjax.infer.fitting.io import build_fit_document, list_result_names, save
     from pamjax.records.files import write_results_together
 
+    names = list_result_names([case.name for case in parsed_cases]) + ([REPORT_FILE] if report else [])
+    if figures:
+        from pamjax.view.figures.fit import list_figure_names
+
+        names += list_figure_names([case.name for case in parsed_cases])
+    check_replaceable(out, names)
     keep_compiled()
     with show_progress(quiet=json) as progress:
         result = calibrate(

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from pamjax.cli.overwrite import check_replaceable
 from pamjax.cli.screen import check_writable, print_json, print_text, print_written_files
 
 
@@ -57,6 +58,7 @@ def inverse(
         raise BadInput.from_rule(rule, remedy='Write --force "300 N" --length "210 mm".')
     if export is not None:
         check_writable(export, "`--export`")
+        check_replaceable(export, ["controller.npz", "controller.py"], "`--export`")
     keep_compiled()
     from pamjax.control.command import solve_command
     from pamjax.control.inverse import DEFAULT_PRESSURES

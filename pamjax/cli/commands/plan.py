@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pamjax.cli.options import Json, MechanismList, WordList
+from pamjax.cli.overwrite import check_replaceable
 from pamjax.cli.screen import (
     REPORT_FILE,
     check_writable,
@@ -85,11 +86,14 @@ def plan(
             raise BadInput.from_rule(
                 "`--tell` uses the rig of the recording", f"{rig.name}", remedy="Remove the rig file."
             )
+        check_replaceable(out, ["discrimination.json", *([REPORT_FILE] if report else [])])
         keep_compiled()
         _discriminate(muscle, (tell[0], tell[1]), with_ or [], out, report, json)
         return
     if with_:
         raise BadInput.from_rule("`--with` needs `--tell`", " ".join(with_), remedy="Remove `--with`.")
+    figure_names = ["plan.png", "schedule.png"] if figures else []
+    check_replaceable(out, ["plan.json", "schedule.csv", *figure_names, *([REPORT_FILE] if report else [])])
     keep_compiled()
     from pamjax.planning.plan import plan as choose_runs
     from pamjax.planning.plan import save_plan

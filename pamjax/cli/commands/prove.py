@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from pamjax.cli.options import Json
+from pamjax.cli.overwrite import check_replaceable
 from pamjax.cli.screen import check_writable, print_json, print_text, print_written_files, show_progress
 from pamjax.errors import BadInput, check_minimum
 
@@ -134,6 +135,10 @@ def _write_recordings(folder: Path, tasks: list, seed: int, json: bool) -> None:
 def _run_study(tasks: list, out: Path, bank: str, workers: int, json: bool) -> None:
     """Diagnose the recordings of the tasks, and write the results and their tables."""
     check_writable(out)
+    figure_names = [
+        f"{name}.{kind}" for name in ("nothing", "recovery", "reliability") for kind in ("png", "pdf")
+    ]
+    check_replaceable(out, ["trials.jsonl", "table.md", "table.csv", "table.json", *figure_names])
     out.mkdir(parents=True, exist_ok=True)
     from pamjax.benchmark.bank_tally import tabulate_bank
     from pamjax.benchmark.bank_trial import run_bank_trial

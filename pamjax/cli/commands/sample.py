@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from pamjax.cli.options import DEFAULT_MODEL, Json, ModelOptions
+from pamjax.cli.overwrite import check_replaceable
 from pamjax.cli.screen import (
     REPORT_FILE,
     check_writable,
@@ -68,6 +69,12 @@ def sample(
     from pamjax.infer.posterior.sample import sample as draw_posterior
     from pamjax.records.files import write_results_together
 
+    names = ["posterior.json", "posterior.nc", *([REPORT_FILE] if report else [])]
+    if figures:
+        from pamjax.view.figures.posterior import list_figure_names
+
+        names += list_figure_names([case.name for case in parsed_cases])
+    check_replaceable(out, names)
     stated_priors = read_priors(priors) if priors else {}
     keep_compiled()
     with show_progress(quiet=json) as progress:

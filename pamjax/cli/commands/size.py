@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from pamjax.cli.options import Json
+from pamjax.cli.overwrite import check_replaceable
 from pamjax.cli.screen import (
     REPORT_FILE,
     check_writable,
@@ -57,6 +58,9 @@ def size(
     from pamjax.sizing.io import build_design_document, save_design
     from pamjax.sizing.size import size as choose
 
+    muscle_names = ["model.json", f"muscle/{MUSCLE_FILE}"]
+    report_names = ["chart.png", "prices.png", "front.png", REPORT_FILE]
+    check_replaceable(out, ["design.json", *muscle_names, *(report_names if report else [])])
     with show_progress(quiet=json) as progress:
         design = choose(spec, starts=starts, method=method, seed=seed, stock=stock, progress=progress)
     with write_results_together(out) as folder:
@@ -70,7 +74,7 @@ def size(
     paths = [out / path.relative_to(folder) for path in paths]
     if not design.feasible:
         # The muscle of an earlier, feasible spec does not belong to this design.
-        for name in ("model.json", f"muscle/{MUSCLE_FILE}"):
+        for name in muscle_names:
             (out / name).unlink(missing_ok=True)
     print_json(build_design_document(design)) if json else print_text(str(design))
     print_written_files(paths)

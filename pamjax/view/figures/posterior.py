@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -256,6 +256,16 @@ def _plot_marginal(panel: Axes, prior_samples: np.ndarray, posterior_samples: np
 
 #: Figures that not every posterior has.
 _OPTIONAL_FIGURES = ("profile.png", "ridge.png")
+
+
+def list_figure_names(cases: Sequence[str]) -> list[str]:
+    """Return the names of the files that `save_posterior_figures` can write.
+
+    Args:
+        cases: names of the cases.
+    """
+    bands = ["band.png"] if len(cases) == 1 else [f"{case}-band.png" for case in cases]
+    return ["corner.png", "belief.png", "trace.png", *_OPTIONAL_FIGURES, *bands]
 
 
 def save_posterior_figures(post: Posterior, folder: Path) -> list[Path]:
