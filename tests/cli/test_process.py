@@ -130,6 +130,19 @@ def test_interruption_while_modules_load_is_one_line():
     assert process.stderr == "pamjax: interrupted; no incomplete file was written\n"
 
 
+@pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals")
+def test_interruption_after_the_last_output_is_no_error():
+    program = (
+        "import atexit, os, signal\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "atexit.register(os.kill, os.getpid(), signal.SIGINT)\n"
+        "from pamjax.__main__ import run; run()"
+    )
+    words = [sys.executable, "-c", program, "explain", "thread.modulus"]
+    process = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    assert (process.returncode, process.stderr) == (0, "")
+
+
 @pytest.mark.parametrize(("chosen", "platform"), [(None, "cpu"), ("cuda", "cuda")])
 def test_command_uses_the_cpu_unless_the_user_chose_a_platform(chosen, platform, monkeypatch):
     monkeypatch.delenv("JAX_PLATFORM_NAME", raising=False)
