@@ -269,7 +269,14 @@ def read_import_spec(path: str | Path) -> ImportSpec:
         "Name the recording in a TOML file with the lines"
         f' muscle = "muscle.toml", columns = {{force = "Load [N]", …}} and tests = {tests}.'
     )
-    raw = parse_toml(read_bytes(path), path.name, remedy)
+    content = read_bytes(path)
+    try:
+        raw = parse_toml(content, path.name, remedy)
+    except BadInput as error:
+        if path.suffix.lower() == ".toml":
+            raise
+        rule = "`pamjax import` needs a TOML file that describes the recording"
+        raise BadInput.from_rule(rule, path.name, remedy=remedy) from error
     try:
         return ImportSpec.model_validate(raw)
     except ValidationError as error:

@@ -103,11 +103,25 @@ def test_invalid_import_is_refused_and_writes_nothing(refuse, change, message):
     assert message in refuse(**options)
 
 
-def test_recording_instead_of_its_description_is_named_in_the_remedy(tmp_path):
+@pytest.mark.parametrize(
+    "content", [b"P,Load [lbf]\n10,5\n", "Kräfte\n".encode("cp1252"), b"PK\3\4", b"1,2\n" * 300_000]
+)
+def test_recording_instead_of_its_description_is_named_in_the_remedy(content, tmp_path):
     path = tmp_path / "bench 2.csv"
-    path.write_text("P,Load [lbf]\n10,5\n")
-    with pytest.raises(BadInput, match=r'and tests = \[\{file = "bench 2.csv"\}\]\.$'):
+    path.write_bytes(content)
+    with pytest.raises(BadInput) as error:
         import_case(path, tmp_path / "case")
+    assert str(error.value) == (
+        "`pamjax import` needs a TOML file that describes the recording; got bench 2.csv. Name the recording"
+        ' in a TOML file with the lines muscle = "muscle.toml", columns = {force = "Load [N]", …} and'
+        ' tests = [{file = "bench 2.csv"}].'
+    )
+
+
+def test_description_in_another_encoding_is_named(tmp_path):
+    (tmp_path / "rig.toml").write_bytes('muscle = "Kräfte.toml"'.encode("cp1252"))
+    with pytest.raises(BadInput, match=r"rig\.toml must be UTF-8 text"):
+        import_case(tmp_path / "rig.toml", tmp_path / "case")
 
 
 @pytest.mark.parametrize(("separator", "mark"), [(",", ","), (";", ";"), ("tab", "\t"), ("space", " ")])
