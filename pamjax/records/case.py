@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -160,7 +161,13 @@ def ensure_case_or_toml(source: MuscleToml | Case | str | Path) -> MuscleToml | 
 
 
 def build_case(
-    toml_bytes: bytes, csv_bytes: bytes, folder: Path, gaps: str, before: str, file: str = RECORDING_FILE
+    toml_bytes: bytes,
+    csv_bytes: bytes,
+    folder: Path,
+    gaps: str,
+    before: str,
+    file: str = RECORDING_FILE,
+    source_units: Mapping[str, str] | None = None,
 ) -> Case:
     """Return the case from the bytes of its two files.
 
@@ -170,6 +177,7 @@ def build_case(
         folder: path of the case folder; need not exist.
         gaps, before: as for `read_case`.
         file: name of the recording in error messages.
+        source_units: unit of each channel before its import, for messages about unit errors.
     """
     _check_choice("gaps", gaps, _GAP_CHOICES)
     _check_choice("before", before, _BEFORE_CHOICES)
@@ -182,6 +190,7 @@ def build_case(
         muscle_toml.measures_length,
         muscle_toml.load,
     )
+    units |= source_units or {}
     warnings += check_units(recording, muscle_toml, units, file)
     warnings += check_isotonic_units(recording, muscle_toml, units, file)
     warnings += check_force_zero(recording, muscle_toml, file)

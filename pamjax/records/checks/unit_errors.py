@@ -34,8 +34,8 @@ _MIN_LENGTH_NEAR_REST = 0.97
 #: A message suggests a unit error if |log(ratio / factor)| is at most this, thus within a factor of 1.6.
 _MAX_LOG_RATIO_NAMED = 0.5
 
-#: Pa; a higher pressure with a small force is probably in another unit, because air muscles burst before.
-_MAX_USUAL_PRESSURE = 1.5e6
+#: Pa; a pressure outside is probably in another unit: air muscles burst above, and do not contract below.
+_MIN_USUAL_PRESSURE, _MAX_USUAL_PRESSURE = 5e3, 1.5e6
 
 #: Units that are often confused.
 _CONFUSED_UNITS = {
@@ -146,21 +146,35 @@ def _check_force(
         raise BadInput.from_rule(
             "`force` must be positive when the muscle pulls", got, file, "Change its sign."
         )
+    largest_pressure = float(np.nanmax(recording.pressure))
     # A factor of the pressure multiplies the ideal force, and divides the ratio.
     pressure_errors = [
         (1.0 / factor, name) for factor, name in list_unit_errors("pressure", column_units["pressure"])
     ]
-    has_pressure_error = np.nanmax(recording.pressure) > _MAX_USUAL_PRESSURE and any(
-        ratio > 0 and abs(math.log(ratio / factor)) < _MAX_LOG_RATIO_NAMED for factor, _ in pressure_errors
-    )
+    has_pressure_error = largest_pressure > _MAX_USUAL_PRESSURE and _has_cause(ratio, pressure_errors)
     if ratio < _FORCE_RATIO_LIMITS[0] and not has_rows_near_rest and not has_pressure_error:
         return [
             f"`force` in {file} is {got}: the muscle is slack or very stiff, or a unit is wrong."
             " Check the units in the headers."
         ]
-    unit_errors = pressure_errors + list_unit_errors("force", column_units["force"])
+    force_errors = list_unit_errors("force", column_units["force"])
+    # Each cause implies the true pressure: with an error of the force, it is the one in the file.
+    usual_errors = [e for e in pressure_errors if _is_usual_pressure(largest_pressure * e[0])]
+    usual_errors += force_errors if _is_usual_pressure(largest_pressure) else []
+    unit_errors = usual_errors if _has_cause(ratio, usual_errors) else pressure_errors + force_errors
     raise BadInput.from_rule(
         "`force` and `pressure` must agree with the braid", got, file, suggest_unit_remedy(ratio, unit_errors)
+    )
+
+
+def _is_usual_pressure(pressure: float) -> bool:
+    return _MIN_USUAL_PRESSURE < pressure <= _MAX_USUAL_PRESSURE
+
+
+def _has_cause(ratio: float, unit_errors: list[tuple[float, str]]) -> bool:
+    """Return whether the factor of a unit error is near the ratio."""
+    return any(
+        ratio > 0 and abs(math.log(ratio / factor)) < _MAX_LOG_RATIO_NAMED for factor, _ in unit_errors
     )
 
 

@@ -119,11 +119,15 @@ class ChannelEntry(_ImportTable):
     zero: Annotated[float, Field(allow_inf_nan=False)] = 0.0
     scale: Annotated[float, Field(allow_inf_nan=False), AfterValidator(_check_scale)] = 1.0
 
+    def find_unit(self, header: str) -> str:
+        """Return the unit of a column with this header; "" if there is none."""
+        return self.unit or split_title(header)[1] or ""
+
     def to_si(self, name: str, header: str, file: str) -> float:
         """Return the SI value of one unit of the file, for a channel whose column has this header."""
         in_header = not self.unit and bool(split_title(header)[1])
         where = f"column `{header}` of {file}" if in_header else f"[columns] {name}"
-        unit = self.unit or split_title(header)[1] or ""
+        unit = self.find_unit(header)
         kind = _KINDS[name]
         if not unit and kind != "count":
             rule = f"`{name}` needs a unit"

@@ -16,13 +16,13 @@ import numpy as np
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import BadInput
 from pamjax.notebook import NotebookText
-from pamjax.records.case import Case, read_case
+from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE, Case, build_case, read_case
 from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.blank_cells import BlankCells, format_notes
 from pamjax.records.importing.channel import check_time_steps, read_channel, read_clock
 from pamjax.records.importing.import_spec import LENGTH_SOURCES, ImportSpec, TestTable, read_import_spec
 from pamjax.records.importing.rig_file import RigFile
-from pamjax.records.reading.header import COLUMN_KINDS
+from pamjax.records.reading.header import COLUMN_KINDS, GAUGE_UNITS
 from pamjax.records.reading.muscle_toml import read_muscle_toml
 from pamjax.records.recording import MAX_CYCLE, Recording
 from pamjax.records.writing.case_folder import write_case
@@ -122,18 +122,18 @@ def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
     muscle = read_bytes(base_folder / spec.muscle)
     rest_length = read_muscle_toml(muscle, Path(spec.muscle).name).rest_length.value
     tests = [(files, test) for test in spec.tests for files in _find_files(test, base_folder)]
-    pieces, tare_readings, blanks, clock_notes = zip(
+    pieces, tare_readings, blanks, file_notes, units = zip(
         *(_read_test(spec, files, test, rest_length) for files, test in tests), strict=True
     )
     chain = itertools.chain.from_iterable
-    notes = (*format_notes(chain(blanks)), *dict.fromkeys(chain(clock_notes)))
+    notes = (*format_notes(chain(blanks)), *dict.fromkeys(chain(file_notes)))
     recording = _join_tests(pieces, spec)
     text = decode_text(muscle, Path(spec.muscle).name)
     # An invalid case is not written: read it first in a temporary folder.
     with TemporaryDirectory() as trial_folder:
         write_case(Path(trial_folder) / "case", recording, text)
         try:
-            read_case(Path(trial_folder) / "case")
+            _check_case(Path(trial_folder) / "case", units[0])
         except BadInput as error:
             message = " ".join([f"{error}", *(f"Note: {note}" for note in notes)])
             raise BadInput(f"the case of {rig.name} is invalid and was not written: {message}") from error
@@ -143,6 +143,17 @@ def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
     )
     samples = sum(len(piece["pressure"]) for piece in pieces)
     return ImportResult(read_case(folder), names, samples, _summarise_tare(spec, tare_readings), notes)
+
+
+def _check_case(folder: Path, units: dict[str, str]) -> None:
+    """Refuse an invalid case.
+
+    Args:
+        folder: the case folder.
+        units: unit of each channel in the files of the rig.
+    """
+    muscle, recording = read_bytes(folder / MUSCLE_FILE), read_bytes(folder / RECORDING_FILE)
+    build_case(muscle, recording, folder, "carry", "relaxed", source_units=units)
 
 
 def _summarise_tare(
@@ -200,8 +211,8 @@ def _build_sort_key(text: str) -> list:
 
 def _read_test(
     spec: ImportSpec, paths: dict[str, Path], test: TestTable, rest_length: float
-) -> tuple[dict[str, np.ndarray], dict[str, float], list[BlankCells], list[str]]:
-    """Return channels, SI, tared, with time from 0; tare readings; blank cells; and notes on the clock.
+) -> tuple[dict[str, np.ndarray], dict[str, float], list[BlankCells], list[str], dict[str, str]]:
+    """Return channels, SI, tared, with time from 0; tare readings; blank cells; notes; and units.
 
     Args:
         spec: the import specification.
@@ -211,12 +222,16 @@ def _read_test(
     """
     rig_files = {channel: RigFile(path, spec.files) for channel, path in paths.items()}
     columns: dict[str, np.ndarray] = {}
+    units: dict[str, str] = {}
     blanks: list[BlankCells] = []
     clock, clock_file = None, None
     for name in (name for name in _CHANNEL_ORDER if name in spec.columns):
         file = rig_files.get(name) or rig_files[""]
         values, time = read_channel(spec, name, file), read_clock(spec, file)
-        blanks += file.find_blanks(spec.columns[name].column)
+        column = spec.columns[name].column
+        blanks += file.find_blanks(column)
+        if name in DISPLAY_UNIT and (unit := spec.columns[name].find_unit(file.find_header(column))):
+            units[name] = GAUGE_UNITS.get(unit, unit)
         if clock is None:
             clock, clock_file = time, file
         first_channel = next(iter(columns.values()), values)
@@ -243,7 +258,7 @@ def _read_test(
     if clock_file is not None and clock is not None:
         check_time_steps(spec, columns["time"], columns.pop("row"), clock_file)
     notes = list(itertools.chain.from_iterable(file.notes for file in rig_files.values()))
-    return columns, tare_readings, blanks, notes
+    return columns, tare_readings, blanks, notes, units
 
 
 def _subtract_tare(

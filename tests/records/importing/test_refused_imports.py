@@ -124,6 +124,14 @@ def test_description_in_another_encoding_is_named(tmp_path):
         import_case(tmp_path / "rig.toml", tmp_path / "case")
 
 
+@pytest.mark.parametrize("header", ["Load", "Load [kN]"])
+def test_unit_error_has_the_unit_of_the_rig(header, refuse):
+    unit = "" if "kN" in header else ', unit = "kN"'
+    columns = f'force = {{column = "Load"{unit}}}\npressure = {{column = "P", unit = "kPa"}}'
+    message = refuse(f"P,{header}\n100,60\n200,120\n300,180\n", columns=columns)
+    assert "Probable cause: force in N under a header of kN. Otherwise" in message
+
+
 @pytest.mark.parametrize(("separator", "mark"), [(",", ","), (";", ";"), ("tab", "\t"), ("space", " ")])
 def test_unclosed_quotation_mark_is_refused(rig, separator, mark):
     rows = 'P,other,Load\n10,x,5\n20,y,11\n30,"loose,12\n40,z,13\n'.replace(",", mark)
