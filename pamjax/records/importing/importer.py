@@ -257,7 +257,7 @@ def _read_test(
     columns, tare_readings = _subtract_tare(columns, spec, next(iter(paths.values())).name)
     if clock_file is not None and clock is not None:
         check_time_steps(spec, columns["time"], columns.pop("row"), clock_file)
-    notes = list(itertools.chain.from_iterable(file.notes for file in rig_files.values()))
+    notes = list(itertools.chain.from_iterable(file.all_notes for file in rig_files.values()))
     return columns, tare_readings, blanks, notes, units
 
 

@@ -20,6 +20,7 @@ from pamjax.records.importing.date_column import describe_unused_dates, is_time_
 from pamjax.records.importing.header_line import suggest_header_line, suggest_line_with
 from pamjax.records.importing.import_spec import FilesTable
 from pamjax.records.importing.mat_file import read_mat
+from pamjax.records.importing.short_rows import count_cells, describe_short_rows
 from pamjax.records.importing.spreadsheet import MAX_SEARCHED_LINES, WITHOUT_HEADER, Sheet, read_sheet
 from pamjax.records.importing.unit_line import add_units, is_unit
 from pamjax.records.quotation_marks import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
@@ -54,7 +55,9 @@ class RigFile:
         #: Number of lines above the first row of numbers; the rows of a MAT file count from 1.
         self.lines_above = 0
         #: Notes for the user about the clock times.
-        self.notes: tuple[str, ...] = ()
+        self._clock_notes: tuple[str, ...] = ()
+        #: Number of cells of each line of a text file, 0 for a blank line.
+        self._cell_counts: list[int] = []
         self._format = file_format
         #: First lines of a text file or of a sheet, and their separator.
         self._first_lines: list[str] = []
@@ -101,9 +104,9 @@ class RigFile:
             return None
         joined = join_date_and_clock(header, texts, self.name, self.locate_row)
         if joined is not None:
-            self.notes = (joined.note,) if joined.differs or header == joined.date else ()
+            self._clock_notes = (joined.note,) if joined.differs or header == joined.date else ()
             return joined.seconds
-        self.notes = describe_unused_dates(header, texts)
+        self._clock_notes = describe_unused_dates(header, texts)
         try:
             return parse_clock_times(texts[header])
         except ClockTimeError as error:
@@ -120,6 +123,16 @@ class RigFile:
     def get_text(self, column: int | str, row: int) -> str:
         """Return the text of a cell, for error messages."""
         return _read_text(self._columns[self.find_header(column)][row])
+
+    @property
+    def all_notes(self) -> tuple[str, ...]:
+        """Return the notes for the user, about the clock times and the columns that were read."""
+        headers = [name for name in self._columns if not name.startswith(WITHOUT_HEADER)]
+        used_count = max((headers.index(header) + 1 for header, _ in self._parsed_columns), default=0)
+        short_rows = describe_short_rows(
+            self._cell_counts, self.lines_above, used_count, len(headers), self.name
+        )
+        return short_rows + self._clock_notes
 
     def find_header(self, column: int | str) -> str:
         """Return the header of a column, with its unit if the file states one.
@@ -154,7 +167,10 @@ class RigFile:
         self.lines_above = file_format.lines_above
         self._first_lines = lines[:MAX_SEARCHED_LINES]
         self._mark = _TEXT_MARKS[file_format.separator]
-        return _read_csv(lines, file_format, self.name, self._suggest_line())
+        columns = _read_csv(lines, file_format, self.name, self._suggest_line())
+        counts = count_cells(lines, self._mark)
+        self._cell_counts = [n if line.strip() else 0 for n, line in zip(counts, lines, strict=False)]
+        return columns
 
     def _suggest_line(self) -> str:
         """Return the remedy if the header seems to be in a later line; else an empty string."""
