@@ -15,6 +15,7 @@ from cyclopts import App, CycloptsError
 from pamjax.cli.help import ParagraphFormatter
 from pamjax.cli.import_example import IMPORT_EPILOGUE
 from pamjax.cli.process import describe_missing_device, prepare_streams
+from pamjax.cli.size_example import SIZE_EPILOGUE
 from pamjax.cli.usage_errors import format_usage_error, name_options
 from pamjax.compile.platform import choose_platform
 from pamjax.errors import BadInput
@@ -43,6 +44,7 @@ app = App(
     help_formatter=ParagraphFormatter(),
     suppress_keyboard_interrupt=False,  # `main` handles it
 )
+epilogues = {"import": IMPORT_EPILOGUE, "size": SIZE_EPILOGUE}
 for command_name, summary in {
     "new": "Write a commented case folder as a template.",
     "import": "Make a case folder from the CSV, XLSX or MAT files of a test rig.",
@@ -62,7 +64,7 @@ for command_name, summary in {
 }.items():
     # The command is registered by its path, so that its module is imported only when it runs.
     module_name = f"{command_name}_" if iskeyword(command_name) else command_name
-    epilogue = {"help_epilogue": IMPORT_EPILOGUE} if command_name == "import" else {}
+    epilogue = {"help_epilogue": epilogues[command_name]} if command_name in epilogues else {}
     app.command(
         f"pamjax.cli.commands.{module_name}:{module_name}", name=command_name, help=summary, **epilogue
     )

@@ -112,7 +112,7 @@ class Choice:
         return (
             f"{self.bladder.name} bladder"
             if self.tube is None
-            else f"{self.bladder.name} tube {self.tube.metric_size}"
+            else f"{self.bladder.name} tube of {self.tube.metric_size}"
         )
 
     def __str__(self) -> str:

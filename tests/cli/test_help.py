@@ -7,6 +7,7 @@ import pytest
 
 from pamjax.cli.import_example import IMPORT_EXAMPLE
 from pamjax.cli.main import app, main
+from pamjax.cli.size_example import SIZE_EXAMPLE
 
 WORDS = [name for name in app if not name.startswith("-")]
 
@@ -66,3 +67,14 @@ def test_example_on_the_help_page_of_import_makes_a_case(tmp_path, monkeypatch, 
     muscle.write_text(muscle.read_text("utf-8").replace('rest_length = "200 mm"', 'rest_length = "201 mm"'))
     assert main([*command.split()[:-1], "other"]) == 0
     assert "note:" not in capsys.readouterr().out
+
+
+def test_example_on_the_help_page_of_size_is_a_feasible_spec(tmp_path, capsys):
+    from pamjax.sizing.size import size
+
+    assert main(["size", "--help"]) == 0
+    page = capsys.readouterr().out
+    assert SIZE_EXAMPLE in page
+    assert "Then run: pamjax size spec.toml --out out/sized" in page
+    (tmp_path / "spec.toml").write_text(SIZE_EXAMPLE)
+    assert size(tmp_path / "spec.toml", starts=1, stock=False).feasible

@@ -39,7 +39,7 @@ def test_quantities_include_fittings_allowances_and_all_muscles():
         assert thread.quantity == ("19.7 m" if muscles == 1 else "39.4 m")
         assert f"48 threads of {'0.5' if muscles == 1 else '0.9'} m" in thread.remark
         assert barbs.quantity == clamps.quantity == str(2 * muscles)
-    assert tube.name == "latex tube, 6.35 x 0.79 mm (1/4 x 1/32 in)"
+    assert tube.name == "latex tube, bore 6.35 mm, wall 0.79 mm (1/4 x 1/32 in)"
     assert barbs.name == "hose barbs for 6.4 mm (1/4 in) tube"
 
 

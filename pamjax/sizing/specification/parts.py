@@ -14,6 +14,7 @@ from typing import Any
 
 from pamjax.records.shipped_tables import convert_to_si, read_shipped
 from pamjax.sizing.specification.materials import ThreadKind
+from pamjax.units import format_quantity
 
 #: Largest barb / inner diameter of its tube: the tube is stretched over the barb.
 _MAX_BARB_RATIO = 1.3
@@ -44,10 +45,9 @@ class Tube:
 
     @property
     def metric_size(self) -> str:
-        """Return inner diameter and wall in mm, with the trade size in brackets if it is in inches."""
-        if not self.size.endswith(" in"):
-            return self.size
-        return f"{1e3 * self.inner_diameter:.3g} x {1e3 * self.wall:.2g} mm ({self.size})"
+        """Return bore and wall in mm, with the trade size in brackets if it is in inches."""
+        bore, wall = (format_quantity(value, "mm", 3) for value in (self.inner_diameter, self.wall))
+        return f"bore {bore}, wall {wall}" + (f" ({self.size})" if self.size.endswith(" in") else "")
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,13 @@ def test_inches_of_a_size_agree_with_its_millimetres():
     agree(tube.wall, 25.4e-3 / 32, 1e-2)
 
 
+def test_tube_is_described_by_bore_and_wall():
+    sizes = {tube.size: tube.metric_size for tube in list_tubes()}
+    assert sizes["1/4 x 1/32 in"] == "bore 6.35 mm, wall 0.79 mm (1/4 x 1/32 in)"
+    # A metric trade size is inner x outer diameter.
+    assert sizes["6 x 9 mm"] == "bore 6 mm, wall 1.5 mm"
+
+
 def test_angles_of_a_sleeve_follow_from_its_diameters():
     for sleeve in list_sleeves():
         ratio = math.cos(sleeve.angle_at_low) / math.cos(sleeve.angle_at_high)
