@@ -23,7 +23,8 @@ from pamjax.diagnosis.next_experiment.experiment import Experiment
 from pamjax.diagnosis.outside.template_fits import Likeness
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.saved_model import build_model_document
-from pamjax.diagnosis.select.selection import NamedMechanism, Selection
+from pamjax.diagnosis.select.rivals import NamedMechanism
+from pamjax.diagnosis.select.selection import Selection
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.diagnosis.unexplained import (
     UnexplainedReason,

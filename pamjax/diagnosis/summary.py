@@ -23,7 +23,7 @@ from pamjax.units import format_quantity
 if TYPE_CHECKING:
     from pamjax.diagnosis.estimates import ParameterEstimate
     from pamjax.diagnosis.result import Diagnosis
-    from pamjax.diagnosis.select.selection import NamedMechanism
+    from pamjax.diagnosis.select.rivals import NamedMechanism
 
 #: Largest number of lines of the summary.
 MAX_SUMMARY_LINES = 25

@@ -20,8 +20,9 @@ from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_parameters import _compute_limits
 from pamjax.diagnosis.next_experiment.experiment import Experiment, choose_experiment
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
+from pamjax.diagnosis.select.rivals import NamedMechanism
 from pamjax.diagnosis.select.search import MechanismSearch
-from pamjax.diagnosis.select.selection import NamedMechanism, shrink_to_even_odds
+from pamjax.diagnosis.select.selection import shrink_to_even_odds
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings, describe_settings
 from pamjax.errors import BadInput
 from pamjax.infer.noise.estimate import _build_channel_noise, _ChannelSamples

@@ -38,7 +38,7 @@ from pamjax.diagnosis.refit.model_fit import (
     get_parameter_indices,
     switch_off_candidate,
 )
-from pamjax.diagnosis.select.selection import NamedMechanism, RivalFit
+from pamjax.diagnosis.select.rivals import NamedMechanism, RivalFit
 
 
 def average_models(

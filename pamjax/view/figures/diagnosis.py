@@ -21,7 +21,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
 from pamjax.diagnosis.result import Diagnosis
-from pamjax.diagnosis.select.selection import NamedMechanism
+from pamjax.diagnosis.select.rivals import NamedMechanism
 from pamjax.infer.problem.rms import compute_rms
 from pamjax.text import join_words
 from pamjax.units import compute_si_factor

@@ -11,7 +11,7 @@ from pamjax.diagnosis.model_uses import MODEL_FILE
 from pamjax.diagnosis.next_step import describe_next_step
 from pamjax.diagnosis.notes import describe_untested_effects, describe_values_at_limit
 from pamjax.diagnosis.result import Diagnosis
-from pamjax.diagnosis.select.selection import NamedMechanism
+from pamjax.diagnosis.select.rivals import NamedMechanism
 from pamjax.diagnosis.summary import format_named_estimate
 from pamjax.diagnosis.unexplained import describe_unexplained_probability, describe_unexplained_reason
 from pamjax.model.registry import find_mechanism

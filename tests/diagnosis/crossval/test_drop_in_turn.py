@@ -8,7 +8,8 @@ import pytest
 
 from pamjax.diagnosis.checks import CheckedSelection, _doubt_failed_prediction
 from pamjax.diagnosis.crossval import confirm_selection
-from pamjax.diagnosis.select.selection import NamedMechanism, Selection
+from pamjax.diagnosis.select.rivals import NamedMechanism
+from pamjax.diagnosis.select.selection import Selection
 from pamjax.diagnosis.unexplained import UnexplainedReason
 from tests.view.made_up import diagnosis
 

@@ -10,7 +10,7 @@ from pamjax.diagnosis.next_experiment.isotonic_protocols import ISOTONIC_MENU
 from pamjax.diagnosis.next_experiment.protocols import PROTOCOL_MENU
 from pamjax.diagnosis.next_experiment.rig import MAX_PROTOCOL_ROWS, RigLimits
 from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed
-from pamjax.diagnosis.select.selection import NamedMechanism
+from pamjax.diagnosis.select.rivals import NamedMechanism
 from pamjax.planning.compare_pair import compare_pair
 from tests.infer.fitting.test_isotonic_fit import RUBBER, build_case, simulate_recording
 

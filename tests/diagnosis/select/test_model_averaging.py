@@ -10,7 +10,7 @@ from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.refit.model_fit import fit_model, get_free_indices, switch_on_candidate
 from pamjax.diagnosis.select.model_averaging import _weigh_minima, average_models
-from pamjax.diagnosis.select.selection import NamedMechanism, RivalFit
+from pamjax.diagnosis.select.rivals import NamedMechanism, RivalFit
 from tests.diagnosis.bank import BankRecording, simulate_bank
 from tests.diagnosis.plain_fits import build_fit
 

@@ -11,7 +11,8 @@ from pamjax.diagnosis.outside.template_context import build_template_context
 from pamjax.diagnosis.outside.templates import build_templates
 from pamjax.diagnosis.refit.model_fit import fit_model
 from pamjax.diagnosis.select.replace_by_template import replace_by_template
-from pamjax.diagnosis.select.selection import NamedMechanism, Selection
+from pamjax.diagnosis.select.rivals import NamedMechanism
+from pamjax.diagnosis.select.selection import Selection
 from pamjax.records.blocks import find_blocks
 from tests.diagnosis.bank import BankRecording, simulate_bank
 
