@@ -124,9 +124,7 @@ def _diagnose_rows(rows: DiagnosedRows, seed: int, progress: Progress) -> Diagno
         else Selection(training.baseline, training.baseline, ())
     )
     progress("testing", 0.85)
-    build_templates_at = get_template_builder(
-        search_problem, rows.length[rows.search_rows], rows.search_blocks
-    )
+    build_templates_at = get_template_builder(search_problem, rows.search_length, rows.search_blocks)
     checked_selection = compare_with_templates(training, selection, build_templates_at)
     cross_validated_selection = cross_validate_on_blocks(training, checked_selection)
     confirmed_selection, held_out_test = check_on_held_out_rows(rows, training, cross_validated_selection)

@@ -1,10 +1,8 @@
 """Rows of a recording in which mechanisms are searched.
 
 The duration of a search is proportional to the number of rows. A long recording has more samples in each
-stroke than a search needs, so it takes every second, third, … row. The chosen mechanisms are then fitted to
-all rows.
-
-Neglects: effects that are faster than the interval of the rows that are taken.
+stroke than a search needs, so averages of two, three, … neighbouring rows take their place. The chosen
+mechanisms are then fitted to all rows.
 """
 
 from __future__ import annotations
@@ -15,13 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask
-from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem, select_rows
+from pamjax.diagnosis.library.library_problem import LibraryProblem, average_rows, build_library_problem
 from pamjax.diagnosis.noise.input_noise import clear_evaluations
 from pamjax.diagnosis.noise.turn_variance import clear_one_sided_problems
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.records.blocks import Blocks, assign_length_levels, find_blocks
 from pamjax.records.case import Case
 from pamjax.records.recording import Recording
+from pamjax.records.row_averages import RowAverages
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,26 +31,28 @@ class DiagnosedRows:
         problem: all rows, and the library.
         blocks: isobars, holds or cycles of all rows.
         training_mask: (n,) whether a row is not held out.
-        length: (n,) m, as it was read; the length of `problem` is averaged where it is fixed.
         search_problem: the rows of the search, and the library.
-        search_rows: (k,) their indices.
+        search_length: (k,) m, as it was read; the length of a problem is averaged where it is fixed.
+        search_rows: (k,) index of each row of the search; the centre of a group of rows.
     """
 
     problem: LibraryProblem
     blocks: Blocks
     training_mask: np.ndarray
-    length: np.ndarray
     search_problem: LibraryProblem
+    search_length: np.ndarray
     search_rows: np.ndarray
 
     @classmethod
     def from_case(cls, case: Case, settings: DiagnosisSettings) -> DiagnosedRows:
         """Return the rows of a case."""
         problem, blocks = build_library_problem(case, settings), find_blocks(case.recording)
-        search_rows = choose_search_rows(problem.case.recording, settings.max_search_rows)
-        search_problem = problem if search_rows.size == problem.n else select_rows(problem, search_rows)
-        training_mask = ~build_held_out_mask(blocks, settings)
-        return cls(problem, blocks, training_mask, case.recording.length, search_problem, search_rows)
+        training_mask, length = ~build_held_out_mask(blocks, settings), case.recording.length
+        averages = choose_search_rows(problem.case.recording, blocks.label, settings.max_search_rows)
+        if averages is None:
+            return cls(problem, blocks, training_mask, problem, length, np.arange(problem.n))
+        search_problem, search_length = average_rows(problem, averages), averages.average(length)
+        return cls(problem, blocks, training_mask, search_problem, search_length, averages.centres)
 
     @property
     def search_blocks(self) -> Blocks:
@@ -71,16 +72,20 @@ class DiagnosedRows:
             clear_one_sided_problems(problem)
 
 
-def choose_search_rows(recording: Recording, max_rows: int) -> np.ndarray:
-    """Return the row indices for a search, (k,): every m-th row of each run, m = ⌈n / `max_rows`⌉.
+def choose_search_rows(recording: Recording, label: np.ndarray, max_rows: int) -> RowAverages | None:
+    """Return averages of 3, 5, … neighbouring rows for a search; None to search all rows.
 
-    All rows are taken if they are no time series, or if fewer rows show other length levels.
+    All rows are searched if they are no time series, or if the averages show other length levels.
+
+    Args:
+        recording: the recording.
+        label: (n,) block of each row.
+        max_rows: intended number of rows of a search.
     """
-    all_rows = np.arange(recording.n)
     if recording.n <= max_rows or recording.time is None:
-        return all_rows
-    run_start = np.maximum.accumulate(np.where(recording.is_run_start, all_rows, 0))
-    rows = np.flatnonzero((all_rows - run_start) % math.ceil(recording.n / max_rows) == 0)
-    levels = assign_length_levels(recording)[rows]
-    is_same = np.array_equal(assign_length_levels(recording.select(rows)), levels)
-    return rows if is_same else all_rows
+        return None
+    half_width = math.ceil((recording.n / max_rows - 1) / 2)
+    averages = RowAverages.from_recording(recording, label, 2 * half_width + 1)
+    levels = assign_length_levels(recording)[averages.centres]
+    is_same = np.array_equal(assign_length_levels(averages.averaged_recording), levels)
+    return averages if is_same else None

@@ -116,6 +116,7 @@ def build_time_history(
     restart: bool = False,
     settled: bool = False,
     stroke_channels: np.ndarray | None = None,
+    part: np.ndarray | None = None,
     size: int | None = None,
     compute_padding: bool = True,
 ) -> History:
@@ -128,6 +129,8 @@ def build_time_history(
         settled: whether the muscle performed the same recording once before.
         stroke_channels: (k, n) channels that may have strokes, in any unit. No rate is computed across
             their corners.
+        part: (n,) number of the known part of each sample, such as a stroke. No rate is computed across the
+            ends of a part.
         size: length to pad to; padded samples repeat the last one.
         compute_padding: whether padded samples are computed; otherwise they repeat the last result.
     """
@@ -135,6 +138,7 @@ def build_time_history(
     size = size or n
     clock = np.zeros(n) if time is None else np.asarray(time, dtype=float)
     run_number = np.cumsum(is_run_start)
+    part_number = run_number if part is None else np.cumsum(is_run_start | np.diff(part, prepend=part[:1]))
     begin, end = (np.searchsorted(run_number, run_number, side=side) for side in ("left", "right"))
     row = np.arange(n)
     first = np.zeros(n, dtype=bool)
@@ -145,7 +149,7 @@ def build_time_history(
         step=jnp.asarray(_pad_rows(np.diff(clock, prepend=clock[:1]), size, 0.0)),
         restart=jnp.asarray(_pad_rows(restarts, size, time is None)),
         rate_weights=jnp.asarray(
-            _pad_rows(_compute_rate_weights(clock, run_number, stroke_channels), size, 0.0)
+            _pad_rows(_compute_rate_weights(clock, part_number, stroke_channels), size, 0.0)
         ),
         first=jnp.asarray(_pad_rows(row if time is None else begin, size, max(n - 1, 0))),
         last=jnp.asarray(_pad_rows(row if time is None else end - 1, size, max(n - 1, 0))),

@@ -1,13 +1,21 @@
-"""Rows of a search: every second, third, … row of each part of a long recording."""
+"""Rows of a search: averages of neighbouring rows of a long recording."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pamjax import DiagnosisSettings, diagnose
-from pamjax.diagnosis.library.library_problem import build_library_problem, select_rows
+from pamjax.diagnosis.library.library_problem import average_rows, build_library_problem
+from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.search_rows import choose_search_rows
+from pamjax.model.muscle import Muscle
+from pamjax.model.thread import LinearThread
+from pamjax.records.blocks import find_blocks
+from pamjax.records.protocol import Protocol
 from pamjax.records.recording import Recording
-from tests.agreement import ROUNDING, agree
+from pamjax.records.row_averages import RowAverages
+from pamjax.records.simulate import simulate
 from tests.diagnosis.bank import BankRecording, diagnose_bank, simulate_bank
 
 
@@ -23,36 +31,84 @@ def build_recording(n=1000, length=0.2, has_time=True):
     )
 
 
-@pytest.mark.parametrize(("max_rows", "step"), [(1000, 1), (999, 2), (500, 2), (400, 3)])
-def test_every_few_rows_of_each_part_are_taken(max_rows, step):
-    expected = np.r_[np.arange(0, 500, step), np.arange(500, 1000, step)]
-    np.testing.assert_array_equal(choose_search_rows(build_recording(), max_rows), expected)
+def choose(recording, max_rows):
+    return choose_search_rows(recording, find_blocks(recording).label, max_rows)
 
 
-def test_a_table_is_not_reduced():
-    assert choose_search_rows(build_recording(has_time=False), 100).size == 1000
+@pytest.mark.parametrize(("max_rows", "size"), [(999, 3), (334, 3), (333, 5), (200, 5)])
+def test_the_groups_have_an_odd_number_of_rows(max_rows, size):
+    averages = choose(build_recording(), max_rows)
+    assert averages is not None
+    # Groups at the ends of a part, and first rows, differ.
+    counts = np.bincount(averages.group)
+    assert np.median(counts) == size
+    assert averages.averaged_recording.is_run_start.sum() == 2
+
+
+def test_a_short_recording_and_a_table_are_not_reduced():
+    assert choose(build_recording(), 1000) is None
+    assert choose(build_recording(has_time=False), 100) is None
 
 
 def test_no_length_is_lost():
-    # The second length has a few rows only: the rows of a search do not show it as a level.
+    # The second length has a few rows only: the averages do not show it as a level.
     length = np.where(np.arange(1000) < 980, 0.2, 0.19)
-    rows = choose_search_rows(build_recording(length=length), 50)
-    assert {0.2, 0.19} <= set(length[rows].tolist())
+    averages = choose(build_recording(length=length), 50)
+    assert averages is None or {0.2, 0.19} <= set(averages.averaged_recording.length.tolist())
+
+
+@pytest.fixture(scope="module")
+def problems():
+    """Return the problem of a recording of 740 rows, and that of averages of three rows."""
+    protocol = Protocol(
+        kind="strokes",
+        pressures=["200 kPa", "500 kPa"],
+        contractions=[0.2, 0.27],
+        cycles=1,
+        speed="1.2 mm/s",
+        rate="4 Hz",
+    )
+    case = simulate_bank(BankRecording()).case
+    muscle = Muscle(0.2357, 0.2512, 1.09, LinearThread(4e5))
+    recording = simulate(muscle, protocol.build_schedule(0.2357), case.muscle_toml.sensors, seed=5)
+    case = replace(case, recording=recording)
+    problem = build_library_problem(case)
+    averages = RowAverages.from_recording(problem.case.recording, find_blocks(case.recording).label, 3)
+    return problem, average_rows(problem, averages), averages
 
 
 @pytest.mark.slow
-def test_fewer_rows_have_the_same_parameters_and_predictions():
-    problem = build_library_problem(simulate_bank(BankRecording()).case)
-    rows = np.arange(0, problem.n, 3)
-    reduced = select_rows(problem, rows)
-    assert (reduced.n, reduced.names) == (rows.size, problem.names)
-    np.testing.assert_array_equal(reduced.measured, problem.measured[:, rows])
-    # The baseline has no memory: its force in a row does not depend on other rows.
-    agree(reduced.predict(problem.neutral), problem.predict(problem.neutral)[:, rows], ROUNDING, 1.0)
+@pytest.mark.parametrize(
+    "changes", [{}, {"braid_friction.coefficient": 0.1}, {"viscous_damping.coefficient": 2e3}]
+)
+def test_averages_are_predicted_as_accurately_as_the_samples(problems, changes):
+    problem, averaged, averages = problems
+    assert averaged.names == problem.names
+    assert averaged.n < 0.5 * problem.n
+    values = problem.neutral.copy()
+    for name, value in changes.items():
+        values[problem.index(name)] = value
+    of_samples = np.stack([averages.average(channel) for channel in problem.predict(values)])
+    sensors = averaged.case.muscle_toml.sensors
+    error = (averaged.predict(values) - of_samples) / np.array([[sensors.force], [sensors.diameter]])
+    assert np.sqrt(np.mean(error**2)) < 0.3
 
 
 @pytest.mark.slow
-def test_a_search_in_fewer_rows_has_the_same_names_and_a_result_for_all_rows():
+def test_averages_have_the_information_and_the_noise_of_the_samples(problems):
+    problem, averaged, _ = problems
+    noises = [estimate_noise(p, p.neutral, np.ones(p.n, dtype=bool)) for p in (problem, averaged)]
+    assert noises[1].sample_count == pytest.approx(noises[0].size, rel=0.01)
+    # The misfit of the neutral muscle, in standard deviations of the noise, has the same sum of squares.
+    misfits = [
+        np.sum(noise.whiten(p.measured - p.predict(p.neutral)) ** 2) - noise.size
+        for noise, p in zip(noises, (problem, averaged), strict=True)
+    ]
+    assert misfits[1] == pytest.approx(misfits[0], rel=0.2)
+
+
+@pytest.mark.slow
+def test_a_search_in_averages_has_the_same_names_and_a_result_for_all_rows():
     definition = BankRecording(1, only="bladder_elasticity", smallest=12.0, largest=12.0)
     case, whole = simulate_bank(definition).case, diagnose_bank(definition)
     fewer = diagnose(case, settings=DiagnosisSettings(max_search_rows=case.recording.n // 2))

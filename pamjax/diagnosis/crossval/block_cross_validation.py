@@ -102,6 +102,7 @@ class BlockCrossValidation:
             expected_excesses < [left_out_noise.size for _, left_out_noise in self.noise_splits]
         )
         size = np.array([left_out_noise.size for _, left_out_noise in self.noise_splits])[informed_blocks]
+        samples = size.sum() * self.fit.noise.samples_per_row
         excess = np.array([block_fit.unexpected_excess for block_fit in self.block_fits])[informed_blocks]
         expected_excess = expected_excesses[informed_blocks]
         # Upper limit: the whole parameter uncertainty of a block acts in one direction.
@@ -109,7 +110,7 @@ class BlockCrossValidation:
             2 * np.sum(size + 2 * expected_excess + expected_excess**2)
         )
         return (
-            bool(excess.sum() > max(self.problem.settings.min_unexplained_rms**2 * size.sum(), noise_limit))
+            bool(excess.sum() > max(self.problem.settings.min_unexplained_rms**2 * samples, noise_limit))
             and self.explained_fraction < self.problem.settings.min_explained_fraction
         )
 

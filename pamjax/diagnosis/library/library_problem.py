@@ -30,6 +30,7 @@ from pamjax.model.bench import HISTORY_DEPENDENT
 from pamjax.model.registry import MECHANISMS
 from pamjax.records.case import Case
 from pamjax.records.fixed_length import average_fixed_lengths
+from pamjax.records.row_averages import RowAverages
 
 #: Rows of the shortest compiled program. Longer ones have 2, 4, 8, ... times as many: balances of padding are
 #: not computed, and recordings of different lengths share a program.
@@ -65,6 +66,8 @@ class LibraryProblem(LibraryParameters):
         law: thread law of the baseline, "inelastic" or "elastic".
         dataset: arrays for the compiled program with all mechanisms.
         measured: (2, n) measured force (N) and diameter (m); NaN where no sample is compared.
+        row_noise_ratios: (2, n) noise of a row relative to a typical one; not 1 for means of few samples.
+        samples_per_row: mean number of samples of which a row is the mean.
         settings: thresholds of the diagnosis.
         evaluations: cached results at recent parameter values.
     """
@@ -73,6 +76,8 @@ class LibraryProblem(LibraryParameters):
     law: str
     dataset: Dataset
     measured: np.ndarray
+    row_noise_ratios: np.ndarray
+    samples_per_row: float
     settings: DiagnosisSettings = DEFAULT_SETTINGS
     evaluations: EvaluationCache = field(default_factory=EvaluationCache, init=False, repr=False)
 
@@ -266,36 +271,62 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
     law = resolve_bench_law(case.muscle_toml.baseline, ())
     mechanism_ids = tuple(kind.id for kind in MECHANISMS)
     parameters = collect_library_parameters(case, law, mechanism_ids, settings)
+    measured = _collect_measurements(case)
     return LibraryProblem(
         **vars(parameters),
         case=case,
         law=law,
         dataset=_build_dataset(case, law, mechanism_ids, parameters),
-        measured=_collect_measurements(case),
+        measured=measured,
+        row_noise_ratios=np.ones_like(measured),
+        samples_per_row=1.0,
         settings=settings,
     )
 
 
-def select_rows(problem: LibraryProblem, rows: np.ndarray) -> LibraryProblem:
-    """Return the problem of some rows of a recording, with the same parameters.
+def average_rows(problem: LibraryProblem, averages: RowAverages) -> LibraryProblem:
+    """Return the problem of averages of neighbouring rows, with the same parameters.
 
     Args:
         problem: the recording and the library.
-        rows: (k,) increasing row indices.
+        averages: the groups of rows.
     """
-    case = dataclasses.replace(problem.case, recording=problem.case.recording.select(rows))
+    recording, muscle_toml = averages.averaged_recording, problem.case.muscle_toml
+    sensors = averages.scale_sensors(muscle_toml.sensors)
+    case = dataclasses.replace(
+        problem.case, recording=recording, muscle_toml=dataclasses.replace(muscle_toml, sensors=sensors)
+    )
+    names, original = recording.model_channels, averages.recording
+    is_ignored = [
+        averages.contains(np.isfinite(getattr(original, name)) & np.isnan(measured))
+        for name, measured in zip(names, problem.measured, strict=True)
+    ]
+    measured = np.where(is_ignored, np.nan, np.stack([getattr(recording, name) for name in names]))
     return dataclasses.replace(
         problem,
         case=case,
-        dataset=_build_dataset(case, problem.law, problem.dataset.mechanisms, problem),
-        measured=problem.measured[:, rows],
+        dataset=_build_dataset(
+            case, problem.law, problem.dataset.mechanisms, problem, averages.part[averages.centres]
+        ),
+        measured=measured,
+        row_noise_ratios=np.stack(
+            [averages.compute_row_noise_ratios(getattr(original, name)) for name in names]
+        ),
+        samples_per_row=float(np.isfinite(problem.measured).sum() / np.isfinite(measured).sum()),
     )
 
 
 def _build_dataset(
-    case: Case, law: str, mechanism_ids: tuple[str, ...], parameters: LibraryParameters
+    case: Case,
+    law: str,
+    mechanism_ids: tuple[str, ...],
+    parameters: LibraryParameters,
+    part: np.ndarray | None = None,
 ) -> Dataset:
-    """Return the arrays of a recording for the compiled program with all mechanisms."""
+    """Return the arrays of a recording for the compiled program with all mechanisms.
+
+    `part` is the number of the continuous part of each row, if known.
+    """
     size = compute_program_rows(case.recording.n)
     index_by_name = {n: i for i, n in enumerate(parameters.names)}
     length_errors = parameters.length_error_names
@@ -306,7 +337,7 @@ def _build_dataset(
         length_error_indices=tuple(index_by_name[n] for n in length_errors),
         fixed_values={},
         rows=build_rows(case, size),
-        history=build_history(case, size, compute_padding=False),
+        history=build_history(case, size, compute_padding=False, part=part),
         channel_weights=jnp.ones(2),
     )
 

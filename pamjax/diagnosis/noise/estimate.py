@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,9 +26,10 @@ def estimate_noise(
         training_mask: (n,) whether a row is used in the fit.
         max_noise_ratio: largest plausible ratio of true and stated noise of a sensor; 1 if it is exact.
     """
+    # The noise of a typical row is estimated, and then that of each row.
     noise = estimate_noise_model(
         problem.case,
-        problem.measured - problem.predict(values),
+        (problem.measured - problem.predict(values)) / problem.row_noise_ratios,
         np.isfinite(problem.measured),
         training_mask,
         compute_noise_variances(
@@ -39,6 +40,7 @@ def estimate_noise(
         settings=problem.settings,
         max_noise_ratio=max_noise_ratio,
     )
+    noise = replace(noise.scale_rows(problem.row_noise_ratios), samples_per_row=problem.samples_per_row)
     turn_variance = estimate_turn_variance(problem, values)
     return noise if turn_variance is None else noise.add_row_variance(turn_variance)
 
@@ -51,7 +53,7 @@ def predict_dataset(problem: LibraryProblem, dataset: Dataset, values: np.ndarra
         dataset: its dataset with other pressures, lengths or set forces.
         values: (p,) parameter values, SI.
     """
-    prediction = dataclasses.replace(problem, dataset=dataset).predict(values)
+    prediction = replace(problem, dataset=dataset).predict(values)
     padding = dataset.rows.pressure.size - prediction.shape[1]
     return np.pad(prediction, ((0, 0), (0, padding)))
 

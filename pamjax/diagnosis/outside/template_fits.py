@@ -253,7 +253,7 @@ def compute_cost_reductions(fit: ModelFit, templates: Sequence[Template]) -> np.
 
 def _compute_penalties(fit: ModelFit, templates: Sequence[Template]) -> np.ndarray:
     """Return the cost of the columns and of the place of each template."""
-    rows = math.log(fit.noise.size)
+    rows = math.log(fit.noise.sample_count)
     return np.array([len(each.columns) * rows - 2 * math.log(each.share) for each in templates])
 
 

@@ -42,17 +42,14 @@ def fit_with_misfit_weight(
     """
     noise = estimate_noise(problem, values, training_mask, problem.settings.max_noise_ratio)
     residual = np.nan_to_num(noise.whiten(problem.measured - problem.predict(values)), nan=1e3)
-    if _compute_mean_square(residual) < problem.settings.min_misfit_mean_square:
+    if not _has_misfit(problem, residual):
         return fit_model(problem, training_mask, mechanisms, values)
     noise = dataclasses.replace(noise, weight=_compute_weight(residual, noise.is_run_start))
     free = get_free_indices(problem, mechanisms)
     fit = reweight_by_misfit(
         problem, ModelFit(tuple(mechanisms), noise, fit_parameters(problem, noise, free, values))
     )
-    if (
-        _compute_mean_square(fit.estimate.residual / fit.noise.weight)
-        < problem.settings.min_misfit_mean_square
-    ):
+    if not _has_misfit(problem, fit.estimate.residual / fit.noise.weight):
         # The misfit was only at the starting values.
         return fit_model(problem, training_mask, mechanisms, fit.estimate.values)
     return fit
@@ -67,13 +64,19 @@ def reweight_by_misfit(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
     """
     for _ in range(problem.settings.misfit_weighting_rounds):
         residual = fit.estimate.residual / fit.noise.weight
-        if _compute_mean_square(residual) < problem.settings.min_misfit_mean_square:
+        if not _has_misfit(problem, residual):
             return fit
         noise = dataclasses.replace(fit.noise, weight=_compute_weight(residual, fit.noise.is_run_start))
         fit = ModelFit(
             fit.mechanisms, noise, fit_parameters(problem, noise, fit.estimate.free, fit.estimate.values)
         )
     return fit
+
+
+def _has_misfit(problem: LibraryProblem, residual: np.ndarray) -> bool:
+    """Return whether the residual of one sample has a mean square above the limit."""
+    excess = (_compute_mean_square(residual) - 1) / problem.samples_per_row
+    return 1 + excess >= problem.settings.min_misfit_mean_square
 
 
 def _compute_mean_square(residual: np.ndarray) -> float:

@@ -64,7 +64,7 @@ class ModelFit:
         """
         extra = sum(len(candidate.free_parameters) for candidate in self.mechanisms)
         stated_chi2 = sum(candidate.stated_chi2 for candidate in self.mechanisms)
-        return self.corrected_chi2 + extra * np.log(max(self.noise.size, 2)) - stated_chi2
+        return self.corrected_chi2 + extra * np.log(max(self.noise.sample_count, 2)) - stated_chi2
 
     @property
     def full_bic(self) -> float:

@@ -145,7 +145,7 @@ def rank_pairs(
     """
     rows = np.concatenate([s.unit_vectors for s in directions])
     ends = np.cumsum([len(s.unit_vectors) for s in directions])
-    projections, gram, bic_penalty = rows @ residual, rows @ rows.T, np.log(max(fit.noise.size, 2))
+    projections, gram, bic_penalty = rows @ residual, rows @ rows.T, np.log(max(fit.noise.sample_count, 2))
     ranked_pairs = []
     for a, b in combinations(range(len(directions)), 2):
         if directions[a].candidate.id == directions[b].candidate.id or _is_excluded(

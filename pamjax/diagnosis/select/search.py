@@ -99,7 +99,7 @@ class MechanismSearch:
         """
         chi2_reduction, samples = (
             reduced_fit.corrected_chi2 - extended_fit.corrected_chi2,
-            self.baseline.noise.size,
+            self.baseline.noise.sample_count,
         )
         explained_mean_square, baseline_excess = chi2_reduction / samples, self.baseline.excess_chi2 / samples
         is_sizeable = (
@@ -123,7 +123,7 @@ class MechanismSearch:
 
     def is_exhausted(self, fit: ModelFit, best: ScoreDirection) -> bool:
         """Return whether the residual, in total and along the best candidate, is too small for any effect."""
-        min_chi2 = self.settings.min_effect_rms**2 * fit.noise.size
+        min_chi2 = self.settings.min_effect_rms**2 * fit.noise.sample_count
         return (
             fit.excess_chi2 < min_chi2
             and best.chi2_reduction < self.settings.min_direction_chi2_share * min_chi2
@@ -142,9 +142,9 @@ class MechanismSearch:
 
     def is_excess_noise(self, fit: ModelFit) -> bool:
         """Return whether the excess χ² of a fit is that of noise, or too small for an effect."""
-        n = fit.noise.size
         return fit.excess_chi2 < max(
-            self.settings.min_effect_rms**2 * n, self.settings.max_noise_chi2_sd * np.sqrt(2 * n)
+            self.settings.min_effect_rms**2 * fit.noise.sample_count,
+            self.settings.max_noise_chi2_sd * np.sqrt(2 * fit.noise.size),
         )
 
     def leaves_only_noise(self, fit: ModelFit) -> bool:
@@ -154,7 +154,7 @@ class MechanismSearch:
     def leaves_large_residual(self, fit: ModelFit) -> bool:
         """Return whether the residual beyond form errors is large, compared with noise and baseline."""
         return add_form_errors(self.problem, fit).excess_chi2 > max(
-            self.settings.min_unexplained_rms**2 * fit.noise.size,
+            self.settings.min_unexplained_rms**2 * fit.noise.sample_count,
             self.settings.min_unexplained_rms_share**2 * self.baseline.excess_chi2,
         )
 
@@ -171,7 +171,7 @@ def search_mechanisms(
     """
     largest_fit, refused_fit = _add_candidates(search, start, directions)
     fit = prune_mechanisms(search, largest_fit)
-    if not fit.mechanisms or fit.excess_chi2 < search.settings.min_effect_rms**2 * fit.noise.size:
+    if not fit.mechanisms or fit.excess_chi2 < search.settings.min_effect_rms**2 * fit.noise.sample_count:
         return fit
     if fit is largest_fit and not (
         refused_fit

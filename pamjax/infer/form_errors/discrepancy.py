@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -95,8 +95,8 @@ def add_discrepancy(noise: NoiseModel, columns: np.ndarray, owners: Sequence[str
     if isinstance(noise, DiscrepancyNoise):
         columns = np.concatenate([noise.columns, columns])
         owners = (*noise.owners, *owners)
-    fields = {"by_channel": noise.by_channel, "rows": noise.rows, "runs": noise.runs, "weight": noise.weight}
-    return DiscrepancyNoise(**fields, columns=columns, owners=tuple(owners))
+    inherited = {field.name: getattr(noise, field.name) for field in fields(NoiseModel)}
+    return DiscrepancyNoise(**inherited, columns=columns, owners=tuple(owners))
 
 
 def build_free_columns(noise: NoiseModel, columns: np.ndarray) -> np.ndarray:

@@ -23,17 +23,24 @@ class NoiseModel:
         rows: by channel, the rows in use, in order.
         runs: by channel, (k, 2) begin and end of the continuous runs in `rows`.
         weight: factor on all whitened values; below one for a model with systematic misfit.
+        samples_per_row: mean number of samples of which a row is the mean; 1 for the samples themselves.
     """
 
     by_channel: tuple[Ar1Noise | None, ...]
     rows: tuple[np.ndarray, ...]
     runs: tuple[np.ndarray, ...]
     weight: float = 1.0
+    samples_per_row: float = 1.0
 
     @property
     def size(self) -> int:
-        """Return the number of samples in use."""
+        """Return the number of values in use: samples, or means of samples."""
         return sum(r.size for r in self.rows)
+
+    @property
+    def sample_count(self) -> float:
+        """Return the number of samples in use."""
+        return self.size * self.samples_per_row
 
     @property
     def log_determinant(self) -> float:
@@ -66,6 +73,14 @@ class NoiseModel:
             for channel_rows, run in zip(self.rows, self.runs, strict=True)
         )
         return replace(self, rows=rows, runs=runs)
+
+    def scale_rows(self, ratios: np.ndarray) -> NoiseModel:
+        """Return the noise with each sample's standard deviation multiplied by a ratio, (2, n)."""
+        by_channel = tuple(
+            None if channel is None else replace(channel, sd=channel.sd * ratio)
+            for channel, ratio in zip(self.by_channel, ratios, strict=True)
+        )
+        return replace(self, by_channel=by_channel)
 
     def add_row_variance(self, variance: np.ndarray) -> NoiseModel:
         """Return the noise with a further variance of some samples, which become runs of their own.

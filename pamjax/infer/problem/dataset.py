@@ -207,13 +207,16 @@ def build_dataset(
     )
 
 
-def build_history(case: Case, size: int | None = None, compute_padding: bool = True) -> History:
+def build_history(
+    case: Case, size: int | None = None, compute_padding: bool = True, part: np.ndarray | None = None
+) -> History:
     """Return the order of a case's samples in time.
 
     Args:
         case: the case.
         size: number of rows with padding; None for `_compute_padded_size`.
         compute_padding: whether padded samples are computed.
+        part: (n,) number of the known part of each sample, such as a stroke.
     """
     recording = case.recording
     return build_time_history(
@@ -222,6 +225,7 @@ def build_history(case: Case, size: int | None = None, compute_padding: bool = T
         restart=case.gaps == "anew",
         settled=case.before == "settled",
         stroke_channels=recording.length_and_pressure,
+        part=part,
         size=size or _compute_padded_size(recording.n),
         compute_padding=compute_padding,
     )

@@ -1,0 +1,98 @@
+"""Averages of neighbouring rows: groups, means, and the noise of the means."""
+
+import numpy as np
+import pytest
+
+from pamjax.records.reading.muscle_toml import Sensors
+from pamjax.records.recording import Recording
+from pamjax.records.row_averages import RowAverages
+
+
+def build_recording(n=900, *, diameter_interval=1, turn=None, pause=None):
+    """Return a slow rise of the pressure; from a turn on it decreases, and before a pause the rig rests."""
+    row = np.arange(float(n))
+    time = row + np.where(row < (n if pause is None else pause), 0.0, 3600.0)
+    rise = row if turn is None else turn - np.abs(row - turn)
+    return Recording.from_arrays(
+        pressure=1e5 + 100.0 * rise,
+        length=np.full(n, 0.2),
+        force=10.0 + 0.1 * rise,
+        diameter=np.where(row % diameter_interval == 0, 0.02 + 1e-6 * row, np.nan),
+        time=time,
+    )
+
+
+def average(recording, size, label=None):
+    label = np.zeros(recording.n, dtype=int) if label is None else label
+    return RowAverages.from_recording(recording, label, size)
+
+
+@pytest.mark.parametrize("size", [3, 5, 7])
+def test_each_row_belongs_to_one_group(size):
+    averages = average(build_recording(turn=500, pause=300), size)
+    np.testing.assert_array_equal(np.bincount(averages.group).sum(), 900)
+    # Three parts have up to twenty first rows and one incomplete group each.
+    assert 900 / size < averages.centres.size < 900 / size + 63
+
+
+def test_means_of_a_straight_line_lie_on_it():
+    averaged = average(build_recording(), 5).averaged_recording
+    np.testing.assert_allclose(averaged.force, 10.0 + 0.1 * averaged.time, rtol=1e-12)
+    np.testing.assert_allclose(averaged.pressure, 1e5 + 100.0 * averaged.time, rtol=1e-12)
+
+
+def is_together(averages, row):
+    """Return whether one group has a row and the row before it."""
+    before, itself = (averages.contains(np.arange(900) == k) for k in (row - 1, row))
+    return bool((before & itself).any())
+
+
+@pytest.mark.parametrize("row", [301, 500, 703])
+def test_no_group_extends_over_a_turn_a_pause_or_a_block(row):
+    label = (np.arange(900) >= 703).astype(int)
+    assert is_together(average(build_recording(), 3), row)
+    assert not is_together(average(build_recording(turn=500, pause=301), 3, label), row)
+
+
+@pytest.mark.parametrize("size", [3, 5, 7])
+@pytest.mark.parametrize("interval", [1, 2, 3, 4, 5, 7, 10])
+def test_a_channel_that_is_read_rarely_keeps_its_time(interval, size):
+    recording = build_recording(diameter_interval=interval)
+    averages = average(recording, size)
+    is_read = np.isfinite(recording.diameter)
+    time_of_diameter = averages.average(np.where(is_read, recording.time, np.nan))
+    delay = time_of_diameter - averages.average(recording.time)
+    assert abs(np.nanmean(delay)) < 0.1
+    # Each group has a sample if there are enough; the first rows are not averaged.
+    assert np.isfinite(delay).sum() >= min(is_read.sum(), averages.centres.size) - 20
+
+
+def test_the_noise_of_means_is_that_of_white_noise():
+    recording, sensors = build_recording(3000, diameter_interval=2), Sensors(force=2.0, diameter=1e-5)
+    averages = average(recording, 5)
+    scaled = averages.scale_sensors(sensors)
+    rng = np.random.default_rng(3)
+    noise = averages.average(2.0 * rng.standard_normal(3000))
+    assert scaled.force == pytest.approx(2.0 / np.sqrt(5))
+    ratios = averages.compute_row_noise_ratios(recording.force)
+    assert np.std(noise / ratios) == pytest.approx(scaled.force, rel=0.1)
+    assert ratios.max() == pytest.approx(np.sqrt(5))
+    assert scaled.diameter == pytest.approx(1e-5 / np.sqrt(2.5), rel=0.15)
+    assert scaled.pressure is None
+
+
+def test_a_length_error_per_level_is_not_reduced():
+    sensors = Sensors(length=1e-4, length_per_level=True)
+    assert average(build_recording(), 5).scale_sensors(sensors).length == 1e-4
+
+
+def test_means_omit_values_that_were_not_measured():
+    recording = build_recording()
+    force = recording.force.copy()
+    force[[601, *range(300, 320)]] = np.nan
+    averages = average(recording, 3)
+    mean = averages.average(force)
+    group = averages.group[601]
+    assert np.isfinite(mean[group])
+    assert mean[group] == pytest.approx(10.0 + 0.1 * averages.mean_time[group])
+    assert np.isnan(mean[averages.group[302:318]]).all()
