@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pamjax.units import compute_si_factor
+from pamjax.units import compute_si_factor, format_quantity
 
 
 @dataclass(frozen=True)
@@ -65,4 +65,4 @@ def format_channel_value(value: float, channel: str) -> str:
     >>> format_channel_value(2.21e-5, "diameter")
     '0.0221 mm'
     """
-    return f"{to_display(channel, value):.3g} {DISPLAY_UNIT[channel]}"
+    return format_quantity(value, DISPLAY_UNIT[channel], 3)

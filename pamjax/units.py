@@ -7,8 +7,9 @@ import math
 import re
 import tokenize
 import unicodedata
+from collections.abc import Sequence
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeGuard
 
 from pamjax.errors import BadInput
 
@@ -59,6 +60,9 @@ _UNIT_PATTERN = re.compile(
     rf"(?:1\s*/\s*)?\(?\s*{_UNIT_NAME}"
     rf"(?:\s*[*/·\s]\s*\(?\s*{_UNIT_NAME}\s*\)?)*\s*\)?"
 )
+
+#: Numbers from the first on, with an sd from the second on, or below the third are shown with a power of ten.
+_MIN_EXPONENT_NUMBER, _MIN_EXPONENT_SD, _MAX_EXPONENT_NUMBER = 1e6, 1e4, 1e-3
 
 #: Smallest and largest magnitude of a number in SI, except 0; their squares still fit in a float.
 MAGNITUDE_LIMITS = (1e-30, 1e30)
@@ -299,5 +303,60 @@ def format_quantity(value: float, unit: str, digits: int = 4) -> str:
     >>> format_quantity(0.235744, "mm")
     '235.7 mm'
     """
-    number = f"{value / compute_si_factor(unit):.{digits}g}"
+    number = format_number(value / compute_si_factor(unit), digits)
     return number if unit in ("", "1") else f"{number} {unit}"
+
+
+def format_number(value: float, digits: int) -> str:
+    """Return a number with significant digits; an exponent from a million on, or below a ten-thousandth.
+
+    >>> format_number(123.4, 2), format_number(3.7045e9, 3), format_number(0.0012, 2)
+    ('120', '3.7e9', '0.0012')
+    """
+    text = f"{value:.{digits}g}"
+    if "e" not in text:
+        return text
+    if 1 <= abs(float(text)) < _MIN_EXPONENT_NUMBER:
+        return f"{float(text):.0f}"
+    mantissa, _, exponent = text.partition("e")
+    return f"{mantissa}e{int(exponent)}"
+
+
+def format_estimate(value: float, sd: float | None, unit: str) -> str:
+    """Return value ± sd in a unit, SI numbers; both have the digits that two digits of the sd need.
+
+    >>> format_estimate(83.512e9, 3.43e9, "GPa"), format_estimate(3.7045e9, 3.2325e9, "Pa*s/m^3")
+    ('83.5 ± 3.4 GPa', '(3.7 ± 3.2)e9 Pa*s/m^3')
+    """
+    if not has_digits(sd):
+        return format_quantity(value, unit, 5)
+    (value_text, sd_text), power = round_by_sd([value, sd], sd, unit)
+    text = f"({value_text} ± {sd_text}){power}" if power else f"{value_text} ± {sd_text}"
+    return text if unit in ("", "1") else f"{text} {unit}"
+
+
+def has_digits(sd: float | None) -> TypeGuard[float]:
+    """Return whether an sd determines the digits of a value: it is known, finite and above zero."""
+    return sd is not None and math.isfinite(sd) and sd > 0
+
+
+def round_by_sd(values: Sequence[float], sd: float, unit: str) -> tuple[list[str], str]:
+    """Return numbers in a unit, rounded to two digits of their sd, and their common power of ten.
+
+    Args:
+        values: SI numbers.
+        sd: their standard deviation, SI, above zero.
+        unit: display unit.
+
+    >>> round_by_sd([5123.0, 4876.0], 1234.0, "N"), round_by_sd([1.2e-5], 3e-7, "1")
+    ((['5100', '4900'], ''), (['1.200'], 'e-5'))
+    """
+    scale = compute_si_factor(unit)
+    values, sd = [value / scale for value in values], sd / scale
+    largest = max(*map(abs, values), sd)
+    power = ""
+    if largest >= _MIN_EXPONENT_NUMBER or sd >= _MIN_EXPONENT_SD or largest < _MAX_EXPONENT_NUMBER:
+        exponent = math.floor(math.log10(largest))
+        values, sd, power = [value / 10.0**exponent for value in values], sd / 10.0**exponent, f"e{exponent}"
+    decimals = 1 - math.floor(math.log10(sd))
+    return [f"{round(value, decimals):.{max(decimals, 0)}f}" for value in values], power

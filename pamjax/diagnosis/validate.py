@@ -24,7 +24,7 @@ from pamjax.records.case import Case, ensure_case
 from pamjax.records.files import read_bytes
 from pamjax.records.fixed_length import average_fixed_lengths
 from pamjax.text import join_words
-from pamjax.units import format_count
+from pamjax.units import format_count, format_number
 
 #: Rmse over the channel's noise up to which a block counts as fitted: a quarter more than noise.
 _MAX_RMSE_NOISE_RATIO = 1.25
@@ -89,7 +89,9 @@ class Validation(NotebookText):
         for channel, rmse in self.rmse.items():
             unit, noise = DISPLAY_UNIT[channel], to_display(channel, self.noise[channel])
             rmse = to_display(channel, rmse)
-            lines.append(f"  {channel}: rmse {rmse:.3g} {unit}, noise {noise:.3g} {unit}")
+            lines.append(
+                f"  {channel}: rmse {format_number(rmse, 3)} {unit}, noise {format_number(noise, 3)} {unit}"
+            )
         if self.form_errors:
             lines.append(self._describe_form_errors())
         fitted_names = [block.name for block in self.blocks if self.fits_block(block)]
@@ -105,7 +107,7 @@ class Validation(NotebookText):
         return "\n".join(lines + [f"  {sentence}" for sentence in self.extrapolations])
 
     def _describe_form_errors(self) -> str:
-        sds = [f"{to_display(c, sd):.2g} {DISPLAY_UNIT[c]}" for c, sd in self.model_sd.items()]
+        sds = [f"{format_number(to_display(c, sd), 2)} {DISPLAY_UNIT[c]}" for c, sd in self.model_sd.items()]
         return (
             f"  the prediction includes form errors of {join_words(self.form_errors)};"
             f" the noise includes its sd, {join_words(sds)}"

@@ -11,9 +11,8 @@ from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frequency import BenchFrequency
 from pamjax.fleet.pooling import MIN_SPECIMENS
 from pamjax.fleet.store import DONE, OPEN, REFUSED, SET_ASIDE
-from pamjax.infer.fitting.report import format_estimate
 from pamjax.text import join_words
-from pamjax.units import compute_si_factor, format_count
+from pamjax.units import compute_si_factor, format_count, format_estimate, format_number
 
 #: Largest number of specimens in one sentence about outliers.
 _MAX_NAMED_SPECIMENS = 5
@@ -31,7 +30,7 @@ def format_value(value: float, sd: float | None, unit: str) -> str:
 
 def format_sd(sd: float, unit: str) -> str:
     """Return a standard deviation in its display unit as text with two digits."""
-    return f"{sd:.2g}" if unit == "1" else f"{sd:.2g} {unit}"
+    return f"{format_number(sd, 2)}" if unit == "1" else f"{format_number(sd, 2)} {unit}"
 
 
 def list_findings(answers: FleetAnswers) -> list[str]:

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from pamjax.model.parameters import find_meaning
-from pamjax.units import format_quantity
+from pamjax.units import format_number, format_quantity
 
 if TYPE_CHECKING:
     from pamjax.planning.plan import ExpectedSd, Plan
@@ -55,7 +55,7 @@ def _format_rig(capabilities: RigCapabilities) -> str:
 
 def format_loads(capabilities: RigCapabilities) -> str:
     """Return the set forces of an isotonic rig."""
-    return ", ".join(f"{load:.3g}" for load in capabilities.loads) + " N"
+    return ", ".join(f"{format_number(load, 3)}" for load in capabilities.loads) + " N"
 
 
 def format_misfit(plan: Plan) -> str:
@@ -63,9 +63,11 @@ def format_misfit(plan: Plan) -> str:
     misfit_ratios = {
         channel: ratio for channel, ratio in plan.prior.misfit_ratios.items() if ratio > _MIN_MISFIT_RATIO
     }
-    misfit_text = " and ".join(f"{ratio:.2g} for {channel}" for channel, ratio in misfit_ratios.items())
+    misfit_text = " and ".join(
+        f"{format_number(ratio, 2)} for {channel}" for channel, ratio in misfit_ratios.items()
+    )
     return (
-        f"the model does not fit its recording (rms residual over noise: {misfit_text});"
+        f"the model does not fit its recording (rms of residual over noise, row by row: {misfit_text});"
         " run `pamjax diagnose` first"
         if misfit_ratios
         else ""
@@ -168,7 +170,10 @@ def format_usual_protocol(plan: Plan) -> str:
     capabilities = plan.prior.capabilities
     protocol, condition = "ten isobars in the same time", ", on a rig fast enough for them,"
     if capabilities.measures_length:
-        protocol, condition = f"pressure ramps at {capabilities.loads[0]:.3g} N in the same time", ""
+        protocol, condition = (
+            f"pressure ramps at {format_number(capabilities.loads[0], 3)} N in the same time",
+            "",
+        )
     first = next(iter(plan.expected_sds))
     unit, plan_sd = find_meaning(first).show, plan.expected_sds[first].expected_sd
     sd_text, sd_ratio = f"± {format_quantity(plan.usual_sd, unit, 2)}", plan.usual_sd / plan_sd

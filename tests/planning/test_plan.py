@@ -214,7 +214,7 @@ def test_misfit_of_a_recording_is_reported_and_counts_as_noise(muscle_toml, stro
     met, missed = (plan(recorded(sure, stroke, more), to="1 %") for more in (noise, noise + bent))
     assert "does not fit" not in str(met)
     first, promised = str(missed).partition("\n")[0], str(met).partition("\n")[0]
-    assert "the model does not fit its recording (rms residual over noise:" in first
+    assert "the model does not fit its recording (rms of residual over noise, row by row:" in first
     assert "`pamjax diagnose` first; if the model were correct" in first
     # A predicted value has its sd; one that depends on a wrong muscle has one digit.
     assert " ± " in promised

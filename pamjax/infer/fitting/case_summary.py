@@ -83,7 +83,8 @@ class CaseSummary(NotebookText):
             f"± {format_quantity(d.expected_sd, unit, 2)}" if np.isfinite(d.expected_sd) else "unknown"
         )
         kind = classify_sd_ratio(d.sd_ratio)
-        return f"{d.name:<{width}} {prior_sd:>14} prior, {expected_sd:>14} expected after a fit: {kind}"
+        expected = f"{expected_sd:>14} expected after a fit without misfit"
+        return f"{d.name:<{width}} {prior_sd:>14} prior, {expected}: {kind}"
 
     def _build_row(self, d: ParameterIdentifiability) -> dict[str, Any]:
         unit = find_meaning(d.name).show

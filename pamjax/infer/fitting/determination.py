@@ -24,6 +24,8 @@ NOT_DETERMINED = "not determined by the data"
 MAX_SD_RATIO_DETERMINED = 0.5
 #: With a larger fraction, the posterior equals the prior.
 _MAX_SD_RATIO_INFORMED = 0.95
+#: With a larger shift of the estimate, in sd of the prior, the posterior does not equal the prior.
+_MAX_SHIFT_OF_EQUAL = 0.2
 #: With fewer rows for each parameter, a fit can follow the noise (a common rule of regression).
 MIN_ROWS_PER_PARAMETER = 10
 
@@ -87,11 +89,19 @@ def classify_sd_ratio(sd_ratio: float) -> str:
     return PARTLY_DETERMINED if sd_ratio <= _MAX_SD_RATIO_INFORMED else NOT_DETERMINED
 
 
-def describe_sd_ratio(sd_ratio: float) -> str:
+def describe_sd_ratio(sd_ratio: float, shift: float = 0.0) -> str:
     """Return the case of a parameter, with the reason if the data do not determine it.
 
-    >>> describe_sd_ratio(0.99)
-    'not determined by the data (posterior equals prior)'
+    Args:
+        sd_ratio: its sd over the sd of its prior; NaN if it has no sd.
+        shift: distance of the estimate from the prior, in sd of the prior.
+
+    >>> describe_sd_ratio(0.99), describe_sd_ratio(0.99, 0.7)
+    ('not determined by the data (posterior equals prior)', 'not determined: sd hardly changed by the data')
     """
     kind = classify_sd_ratio(sd_ratio)
-    return f"{kind} (posterior equals prior)" if kind == NOT_DETERMINED else kind
+    if kind != NOT_DETERMINED:
+        return kind
+    if abs(shift) > _MAX_SHIFT_OF_EQUAL:
+        return "not determined: sd hardly changed by the data"
+    return f"{kind} (posterior equals prior)"

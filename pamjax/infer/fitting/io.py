@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT, SI_UNIT, to_display
+from pamjax.errors import BadInput
 from pamjax.infer.form_errors.form_model_file import FORM_MODEL_KEY, build_form_model_entry
 from pamjax.records.files import write_atomically
 from pamjax.units import compute_si_factor
@@ -216,12 +217,19 @@ def save(fit: Fit, folder: str | Path) -> list[Path]:
         the files written.
 
     Raises:
+        BadInput: if `fit` is not a fit.
         OSError: if the folder cannot be written.
 
     Example:
         fit = pamjax.fit("mine")
         pamjax.save(fit, "out")
     """
+    if not hasattr(fit, "estimates"):
+        raise BadInput.from_rule(
+            "`save` writes a fit",
+            f"a {type(fit).__name__}",
+            remedy="Call `pamjax.save_posterior` for a posterior, `diagnosis.save(folder)` for a diagnosis.",
+        )
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     names = list_result_names([case_fit.case.name for case_fit in fit.cases])

@@ -17,22 +17,26 @@ from pamjax.infer.problem.informative_samples import count_informative_samples
 from pamjax.infer.problem.priors import is_length_error
 from pamjax.infer.problem.row_counts import describe_unused_rows
 from pamjax.records.reading.muscle_toml import describe_unused_bladder
-from pamjax.units import compute_si_factor, format_quantity
+from pamjax.units import compute_si_factor, format_estimate, format_number, format_quantity, round_by_sd
 
 if TYPE_CHECKING:
     from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
+    from pamjax.records.case import Case
 
 #: The report lists correlations above this.
 MIN_REPORTED_CORRELATION = 0.8
 
 #: Ratio of misfit to noise above which a misfit is reported.
-_MIN_EXCESS = 1.5
+MIN_EXCESS = 1.5
+
+#: Largest relative difference between two ratios of misfit and noise that count as the same.
+_RATIO_TOLERANCE = 0.1
 
 #: With larger differences of neighbouring samples, relative to the misfit, noise explains most of the misfit.
 _MAX_NEIGHBOUR_SHARE = 0.7
 
 #: A parameter that shifts by more prior standard deviations contradicts its stated value.
-_MAX_PRIOR_SHIFT_SD = 3.0
+MAX_PRIOR_SHIFT_SD = 3.0
 
 
 def format_fit_summary(fit: Fit) -> str:
@@ -57,15 +61,17 @@ def describe_fit_shortage(fit: Fit) -> str | None:
 def describe_contradicted_values(fit: Fit) -> list[str]:
     """Return a sentence on each stated value that the fit contradicts: many sd away, or at its limit."""
     return [
-        format_contradicted_value(name, e.value, (e.prior, e.prior_sd), e.meaning.show)
+        format_contradicted_value(name, e.value, (e.prior, e.prior_sd), e.meaning.show, e.sd)
         for name, e in fit.estimates.items()
         if not is_length_error(name)
         and math.isfinite(e.prior_sd)
-        and (e.at_limit or abs(e.value - e.prior) > _MAX_PRIOR_SHIFT_SD * e.prior_sd)
+        and (e.at_limit or abs(e.value - e.prior) > MAX_PRIOR_SHIFT_SD * e.prior_sd)
     ]
 
 
-def format_contradicted_value(name: str, value: float, stated: tuple[float, float], unit: str) -> str:
+def format_contradicted_value(
+    name: str, value: float, stated: tuple[float, float], unit: str, sd: float | None = None
+) -> str:
     """Return a sentence on an estimate that contradicts its stated value.
 
     Args:
@@ -73,31 +79,17 @@ def format_contradicted_value(name: str, value: float, stated: tuple[float, floa
         value: the estimate, SI.
         stated: the stated value and its standard deviation, SI.
         unit: display unit.
+        sd: standard deviation of the estimate, SI; None at a limit.
 
     >>> format_contradicted_value("muscle.turns", 1.105, (1.09, 0.005), "1")[:53]
     '`muscle.turns` is 1.105, 3.0 sd from the stated value'
     """
     deviation = abs(value - stated[0]) / stated[1]
     return (
-        f"`{name}` is {format_estimate(value, None, unit)}, {deviation:.1f} sd from the stated value"
+        f"`{name}` is {format_estimate(value, sd, unit)}, {deviation:.1f} sd from the stated value"
         f" ({format_estimate(*stated, unit)}). Check this value in muscle.toml."
         " If it is right, the model lacks a mechanism."
     )
-
-
-def format_estimate(value: float, sd: float | None, unit: str) -> str:
-    """Return value ± sd with digits according to the sd.
-
-    >>> format_estimate(83.512e9, 3.43e9, "GPa")
-    '83.5 ± 3.4 GPa'
-    """
-    scale = compute_si_factor(unit)
-    value, sd = value / scale, None if sd is None else sd / scale
-    tail = "" if unit == "1" else f" {unit}"
-    if sd is None or sd == 0 or not math.isfinite(sd):
-        return f"{value:.5g}{tail}"
-    digits = max(0, 1 - math.floor(math.log10(abs(sd))))
-    return f"{value:.{digits}f} ± {sd:.{digits}f}{tail}"
 
 
 def format_fitted_value(e: Estimate) -> str:
@@ -107,8 +99,8 @@ def format_fitted_value(e: Estimate) -> str:
         return format_estimate(e.value, e.sd, unit)
     if not math.isfinite(e.prior_sd):
         return format_quantity(e.value, unit, 3)
-    value = format_estimate(e.value, e.prior_sd, unit).partition(" ± ")[0]
-    return value if unit == "1" else f"{value} {unit}"
+    (value,), power = round_by_sd([e.value], e.prior_sd, unit)
+    return f"{value}{power}" if unit == "1" else f"{value}{power} {unit}"
 
 
 def _format_title(fit: Fit) -> str:
@@ -135,21 +127,37 @@ def _format_estimates(fit: Fit) -> Iterator[str]:
 
 def describe_origin(e: Estimate) -> str:
     """Return how well a parameter is determined, with its prior, in words."""
+    stated = e.prior, e.prior_sd
     if e.at_limit and math.isfinite(e.prior_sd) and e.is_inside_bounds:
-        prior = format_estimate(e.prior, e.prior_sd, e.meaning.show)
-        return f"AT ITS LIMIT; prior {prior}, shift {(e.value - e.prior) / e.prior_sd:+.1f} sd"
+        return f"AT ITS {e.limit_name.upper()}; {describe_prior(e.value, stated, e.meaning.show, '')}"
     if e.at_limit:
         low, high = (x / compute_si_factor(e.meaning.show) for x in (e.meaning.low, e.meaning.high))
         unit = "" if e.meaning.show == "1" else f" {e.meaning.show}"
-        return f"AT A LIMIT ({low:g} to {high:g}{unit})"
-    kind = describe_sd_ratio(e.sd_ratio)
+        return f"AT ITS {e.limit_name.upper()} ({low:g} to {high:g}{unit})"
     if not math.isfinite(e.prior_sd):
-        return f"{kind}; uniform prior"
-    prior = format_estimate(e.prior, e.prior_sd, e.meaning.show)
-    shift = (e.value - e.prior) / e.prior_sd
-    warning = ", CONTRADICTS ITS PRIOR" if abs(shift) > _MAX_PRIOR_SHIFT_SD else ""
+        return f"{describe_sd_ratio(e.sd_ratio)}; uniform prior"
+    kind = describe_sd_ratio(e.sd_ratio, (e.value - e.prior) / e.prior_sd)
+    return f"{kind}; {describe_prior(e.value, stated, e.meaning.show)}"
+
+
+def describe_prior(
+    value: float, stated: tuple[float, float], unit: str, warning: str = ", CONTRADICTS ITS PRIOR"
+) -> str:
+    """Return the prior of a parameter and the shift of its estimate, with a warning if that is large.
+
+    Args:
+        value: the estimate, SI.
+        stated: mean and standard deviation of the prior, SI.
+        unit: display unit.
+        warning: the warning.
+
+    >>> describe_prior(22e9, (65e9, 10e9), "GPa")
+    'prior 65 ± 10 GPa, shift -4.3 sd, CONTRADICTS ITS PRIOR'
+    """
+    shift = (value - stated[0]) / stated[1]
     shift_text = f"shift {shift:+.1f} sd" if abs(shift) >= 0.05 else "no shift"
-    return f"{kind}; prior {prior}, {shift_text}{warning}"
+    warning = warning if abs(shift) > MAX_PRIOR_SHIFT_SD else ""
+    return f"prior {format_estimate(*stated, unit)}, {shift_text}{warning}"
 
 
 def format_correlations(fit: Fit) -> Iterator[str]:
@@ -243,7 +251,7 @@ def _describe_noise_source(noise: ChannelNoise) -> str:
 
 def exceeds_noise(noise: ChannelNoise) -> bool:
     """Return whether the misfit of a channel exceeds its noise."""
-    return noise.is_known and noise.rms_over_noise > _MIN_EXCESS
+    return noise.is_known and noise.rms_over_noise > MIN_EXCESS
 
 
 def format_misfit(channel: str, rmse: float, noise: ChannelNoise) -> str:
@@ -255,7 +263,7 @@ def format_misfit(channel: str, rmse: float, noise: ChannelNoise) -> str:
         noise: the noise of the channel.
     """
     if noise.neighbour_sd is None:
-        return f"misfit is {noise.rms_over_noise:.1f} times the noise: the model lacks a mechanism"
+        return f"misfit is {describe_noise_ratio(rmse, noise)}: the model lacks a mechanism"
     if not noise.is_stated:
         # The line above has the only estimate of the noise; a second one would contradict it.
         return (
@@ -274,6 +282,19 @@ def format_misfit(channel: str, rmse: float, noise: ChannelNoise) -> str:
     )
 
 
+def describe_noise_ratio(rmse: float, noise: ChannelNoise) -> str:
+    """Return the ratio of rmse and noise in words, and that row by row if another one decides on a misfit.
+
+    Args:
+        rmse: rms residual, SI.
+        noise: the noise of the channel; its sd is the rms over the rows.
+    """
+    ratio, row_ratio = (format_number(x, 2) for x in (rmse / noise.sd, noise.rms_over_noise))
+    if abs(rmse / noise.sd / noise.rms_over_noise - 1) < _RATIO_TOLERANCE:
+        return f"{ratio} times the noise"
+    return f"{ratio} times the noise (rms of residual over noise, row by row: {row_ratio})"
+
+
 def format_case_notes(case_fit: CaseFit) -> Iterator[str]:
     """Return lines on unused rows, held-out blocks, failed rows, outliers and warnings."""
     yield from describe_unused_rows(case_fit.case)
@@ -282,8 +303,14 @@ def format_case_notes(case_fit: CaseFit) -> Iterator[str]:
         yield f"{len(rows)} rows failed, {status.message} (lines {_format_rows(rows)} of the file)"
     if lengths := describe_impossible_lengths(case_fit):
         yield f"note: {lengths}"
-    yield from map(str, case_fit.case.recording.outliers)
-    yield from (f"note: {warning}" for warning in case_fit.case.warnings)
+    yield from list_outliers_and_warnings(case_fit.case)
+
+
+def list_outliers_and_warnings(case: Case) -> Iterator[str]:
+    """Return a line on each warning of a case, and on each outlier that is not among them."""
+    # The warnings of a case that was read from files include its outliers.
+    yield from (str(outlier) for outlier in case.recording.outliers if f"{outlier}." not in case.warnings)
+    yield from (f"note: {warning}" for warning in case.warnings)
 
 
 def _format_seconds(time: float) -> str:

@@ -65,6 +65,12 @@ class Estimate:
         return 1.0 if self.sd is None else min(self.sd / scale, 1.0)
 
     @property
+    def limit_name(self) -> str:
+        """Return which limit is nearest: of the distance from the prior inside the bounds, else a bound."""
+        middle = self.prior if self.is_inside_bounds else (self.meaning.low + self.meaning.high) / 2
+        return "lower limit" if self.value < middle else "upper limit"
+
+    @property
     def is_inside_bounds(self) -> bool:
         """Return whether the value is more than `BOUND_MARGIN` of their range inside its bounds."""
         low, high, value = self.meaning.low, self.meaning.high, self.value

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pamjax.channels import format_channel_value
-from pamjax.infer.fitting.report import MIN_REPORTED_CORRELATION, format_estimate, select_shown_effects
+from pamjax.infer.fitting.report import MIN_REPORTED_CORRELATION, select_shown_effects
 from pamjax.infer.problem.priors import is_length_error
-from pamjax.units import compute_si_factor, format_quantity
+from pamjax.units import format_estimate, format_quantity, has_digits, round_by_sd
 
 if TYPE_CHECKING:
     from pamjax.infer.posterior.result import Posterior
@@ -59,12 +58,10 @@ def _format_parameters(post: Posterior) -> Iterator[str]:
 def format_interval(post: Posterior, name: str) -> str:
     """Return the 90 % credible interval of a parameter, with digits according to its sd."""
     m, (_, unit) = post.marginals[name], post.find_units(name)
-    scale, digits = compute_si_factor(unit), _count_digits(m.sd / compute_si_factor(unit))
-    return f"{m.low / scale:.{digits}f} to {m.high / scale:.{digits}f}"
-
-
-def _count_digits(sd: float) -> int:
-    return max(0, 1 - math.floor(math.log10(sd))) if sd > 0 else 3
+    if not has_digits(m.sd):
+        return " to ".join(format_quantity(end, unit, 5).partition(" ")[0] for end in (m.low, m.high))
+    (low, high), power = round_by_sd([m.low, m.high], m.sd, unit)
+    return f"({low} to {high}){power}" if power else f"{low} to {high}"
 
 
 def format_priors(post: Posterior) -> Iterator[str]:

@@ -7,8 +7,8 @@ import math
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.fitting.result import Estimate, Fit
+from pamjax.units import format_estimate
 from pamjax.view.figures.layout import (
     create_mark,
 )

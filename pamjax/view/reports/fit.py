@@ -22,11 +22,11 @@ from pamjax.infer.fitting.identifiability import describe_weak_information
 from pamjax.infer.fitting.report import (
     describe_contradicted_values,
     describe_fit_shortage,
+    describe_noise_ratio,
     describe_origin,
     exceeds_noise,
     format_case_notes,
     format_correlations,
-    format_estimate,
     format_fitted_value,
     format_form_errors,
     format_minimiser_state,
@@ -35,7 +35,7 @@ from pamjax.infer.fitting.report import (
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
 from pamjax.infer.problem.priors import is_length_error
 from pamjax.text import join_words
-from pamjax.units import format_quantity
+from pamjax.units import format_estimate, format_quantity
 from pamjax.view.figures import fit as figures
 from pamjax.view.figures.fit_priors import select_with_prior
 from pamjax.view.figures.layout import build_layout
@@ -188,7 +188,8 @@ def format_headline(fit: Fit) -> str:
     if not fit.converged:
         return "The fit did not converge"
     if _has_misfit(fit) and noise.neighbour_sd is None:
-        return f"The misfit of {channel} is {noise.rms_over_noise:.2g} times its noise"
+        rmse = case_fit.rmse[channel]
+        return f"The misfit of {channel} is {describe_noise_ratio(rmse, noise).partition(' (')[0]}"
     if _has_misfit(fit):
         return capitalise_sentence(format_misfit(channel, case_fit.rmse[channel], noise).partition(";")[0])
     if noise.is_known:

@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 
 from pamjax.infer.fitting.determination import DETERMINED
-from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.posterior.report import (
     format_form_error_sizes,
     format_interval,
@@ -18,6 +17,7 @@ from pamjax.infer.posterior.report import (
 from pamjax.infer.posterior.result import Posterior
 from pamjax.infer.problem.priors import is_length_error
 from pamjax.text import join_words
+from pamjax.units import format_estimate
 from pamjax.view.figures import posterior as figures
 from pamjax.view.figures.posterior_checks import plot_band, plot_profiles, plot_traces
 from pamjax.view.reports.fit import MAX_NAMED, draw_picture, format_model

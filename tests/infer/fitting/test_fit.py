@@ -279,7 +279,7 @@ def test_parameter_at_its_limit_has_no_sd():
     assert turns.at_limit
     assert turns.sd is None
     assert "muscle.turns" in str(fitted)
-    assert "AT A LIMIT (0.05 to 200)" in str(fitted)
+    assert "AT ITS UPPER LIMIT (0.05 to 200)" in str(fitted)
 
 
 @pytest.mark.slow

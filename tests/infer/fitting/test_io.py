@@ -14,10 +14,10 @@ from pamjax.errors import BadInput
 from pamjax.infer.fitting.fit import fit
 from pamjax.infer.fitting.io import FIT_SCHEMA, build_fit_document, build_xarray_dataset, save
 from pamjax.infer.fitting.load import load_muscle
-from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.muscle import predict
 from pamjax.records.case import read_case
 from pamjax.records.writing.case_folder import write_case
+from pamjax.units import format_estimate
 from tests.agreement import ROUNDING, agree
 from tests.infer.made import made
 

@@ -94,7 +94,7 @@ def test_a_stated_value_beyond_its_limit_stops_there_if_the_model_misses():
             assert e.value == pytest.approx(5 * e.prior, rel=1e-3)
         else:
             assert abs(e.value - e.prior) / e.prior_sd == pytest.approx(3.0, abs=1e-3)
-    assert "AT ITS LIMIT; prior" in str(fitted)
+    assert "LIMIT; prior" in str(fitted)
     # A wrong stated value that explains the recording is corrected.
     wrong = fit(made(off=(0, 5.0, 0)), **QUICK).estimates["muscle.turns"]
     assert not wrong.at_limit

@@ -189,7 +189,7 @@ def test_band_is_not_hidden_and_its_width_is_stated():
     fit = strokes()
     sd = {"force": np.linspace(0.0, 1.5, 1600), "diameter": np.full(1600, 1e-8)}
     with_band = plot_prediction(replace(fit, prediction_sd=sd))
-    assert "± 2 sd of the model, at most 3 N and 2e-05 mm" in list_legend_texts(with_band)
+    assert "± 2 sd of the model, at most 3 N and 2e-5 mm" in list_legend_texts(with_band)
     for figure, is_outlined, width in ((with_band, False, 0.7), (plot_prediction(fit), True, 1.2)):
         assert all(bool(lines) == is_outlined for lines in select_lines(figure, "casing"))
         assert all(bool(panel.collections) != is_outlined for panel in panels(figure))
