@@ -96,10 +96,13 @@ def _compare_usual_parameters(
     out = []
     for effect in bank_recording.effects:
         estimate = diagnosis.parameters.get(effect.id, {}).get(effect.amplitude)
-        if effect.form != "usual" or estimate is None or not math.isfinite(estimate.value + estimate.sd):
+        if effect.form != "usual" or estimate is None:
             continue
         name, true = f"{effect.id}.{effect.amplitude}", effect.parameters[effect.amplitude]
-        out.append(RecoveredParameter(name, true, float(estimate.value), float(estimate.sd), True))
+        # An estimate at a limit has no sd. The coverage of the intervals counts it with that of the fit.
+        sd = diagnosis.model.sd(diagnosis.problem.index(name))
+        if math.isfinite(estimate.value + sd):
+            out.append(RecoveredParameter(name, true, float(estimate.value), sd, True))
     return out
 
 

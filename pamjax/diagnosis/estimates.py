@@ -10,17 +10,19 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.infer.fitting.determination import NOT_DETERMINED, classify_sd_ratio, compute_prior_scale
-from pamjax.parameter import Meaning
+from pamjax.parameter import Meaning, get_display_unit
+from pamjax.units import format_estimate, format_quantity
 
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """Estimate of a parameter with its standard deviation, SI; NaN if that is not defined."""
+    """Estimate of a parameter with its standard deviation, SI; NaN if that is not defined, as at a limit."""
 
     value: float
     sd: float
     meaning: Meaning
     at_limit: bool = False
+    limit_name: str = "limit"
 
     @property
     def is_determined(self) -> bool:
@@ -36,6 +38,13 @@ class ParameterEstimate:
         """Return whether the value is larger than its sd."""
         return abs(self.value) > self.sd
 
+    def __str__(self) -> str:
+        """Return value ± sd with its unit; a value at a limit has no sd."""
+        unit = get_display_unit(self.meaning)[1]
+        if self.at_limit:
+            return f"{format_quantity(self.value, unit, 4)} (at its {self.limit_name})"
+        return format_estimate(self.value, self.sd, unit)
+
 
 def order_estimates(estimates: Mapping[str, ParameterEstimate]) -> list[tuple[str, ParameterEstimate]]:
     """Return the estimates of a mechanism: values above their sd first, undetermined ones last."""
@@ -48,7 +57,7 @@ class ParameterShift:
 
     Attributes:
         baseline_value, model_value: estimates without and with the mechanisms, SI.
-        shift_in_sd: their difference, in sd of the estimate without the mechanisms.
+        shift_in_sd: their difference, in sd of the estimate without the mechanisms; NaN at a limit.
         meaning: unit, limits and meaning of the parameter.
     """
 
@@ -57,14 +66,25 @@ class ParameterShift:
     shift_in_sd: float
     meaning: Meaning
 
+    @property
+    def order(self) -> float:
+        """Return the absolute shift in sd, to sort by; a parameter without sd comes first."""
+        return abs(self.shift_in_sd) if math.isfinite(self.shift_in_sd) else math.inf
+
 
 def build_parameter_estimate(problem: LibraryProblem, fit: ModelFit, index: int) -> ParameterEstimate:
-    """Return the estimate of a parameter, and whether it is at a limit that is not its neutral value."""
+    """Return the estimate of a parameter, and whether it is at a limit that is not its neutral value.
+
+    A parameter at such a limit has no standard deviation.
+    """
     value, meaning = float(fit.estimate.values[index]), problem.meanings[index]
     at_limit = {fit.estimate.free[j] for j in find_parameters_at_limit(problem, fit.estimate)}
     limit_tolerance = problem.settings.at_limit_range_share * (problem.high[index] - problem.low[index])
     is_neutral = meaning.neutral is not None and abs(value - meaning.neutral) < limit_tolerance
-    return ParameterEstimate(value, fit.sd(index), meaning, index in at_limit and not is_neutral)
+    if index not in at_limit or is_neutral:
+        return ParameterEstimate(value, fit.sd(index), meaning)
+    is_lower = value - problem.low[index] < problem.high[index] - value
+    return ParameterEstimate(value, math.nan, meaning, True, "lower limit" if is_lower else "upper limit")
 
 
 def collect_mechanism_estimates(
@@ -87,8 +107,10 @@ def compute_parameter_shifts(
     shifts = {}
     for k in baseline.estimate.free:
         baseline_value, model_value = baseline.estimate.values[k], fit.estimate.values[k]
-        sd = baseline.sd(k)
-        shift_in_sd = (model_value - baseline_value) / sd if sd > 0 else 0.0
+        estimate = build_parameter_estimate(problem, baseline, k)
+        shift_in_sd = (model_value - baseline_value) / estimate.sd if estimate.sd > 0 else 0.0
+        if estimate.at_limit:
+            shift_in_sd = math.nan
         shifts[problem.names[k]] = ParameterShift(
             float(baseline_value), float(model_value), float(shift_in_sd), problem.meanings[k]
         )

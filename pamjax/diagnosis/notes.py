@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pamjax.diagnosis.estimates import build_parameter_estimate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
 from pamjax.diagnosis.refit.model_fit import ModelFit
@@ -18,7 +19,7 @@ from pamjax.infer.fitting.identifiability import (
     find_undetermined_combinations,
     format_combination,
 )
-from pamjax.infer.fitting.report import format_contradicted_value
+from pamjax.infer.fitting.report import MAX_PRIOR_SHIFT_SD, describe_prior, format_contradicted_value
 from pamjax.model.parameters import find_meaning
 from pamjax.text import join_words
 
@@ -51,7 +52,7 @@ def format_notes(problem: LibraryProblem, baseline: ModelFit, fit: ModelFit) -> 
         *format_parameters_at_limit(problem, fit),
         *format_asymmetry(problem, fit),
         *format_untestable_mechanisms(problem),
-        *format_unidentified_combinations(problem, baseline),
+        *format_unidentified_combinations(problem, baseline, fit),
     ]
 
 
@@ -89,8 +90,8 @@ def format_parameters_at_limit(problem: LibraryProblem, fit: ModelFit) -> list[s
     ]
 
 
-def describe_values_at_limit(problem: LibraryProblem, fit: ModelFit) -> list[str]:
-    """Return a sentence on each stated value of the baseline that ended at its limit.
+def describe_contradicted_values(problem: LibraryProblem, fit: ModelFit) -> list[str]:
+    """Return a sentence on each stated value of the baseline that the fit contradicts, as for `fit`.
 
     Args:
         problem: the recording and the library.
@@ -102,15 +103,51 @@ def describe_values_at_limit(problem: LibraryProblem, fit: ModelFit) -> list[str
             float(fit.estimate.values[k]),
             (float(problem.start[k]), float(problem.prior_sd[k])),
             problem.meanings[k].show,
+            build_parameter_estimate(problem, fit, k).sd,
         )
-        for k in _list_stated_at_limit(problem, fit)
+        for k in _list_contradicted(problem, fit)
     ]
+
+
+def describe_contradiction(problem: LibraryProblem, fit: ModelFit, name: str) -> str:
+    """Return the words of `fit` on a contradicted stated value, after a semicolon; "" for other parameters.
+
+    Args:
+        problem: the recording and the library.
+        fit: the refitted baseline with the identified mechanisms.
+        name: a parameter of the baseline.
+    """
+    k = problem.index(name)
+    if k not in _list_contradicted(problem, fit):
+        return ""
+    stated = float(problem.start[k]), float(problem.prior_sd[k])
+    return f"; {describe_prior(float(fit.estimate.values[k]), stated, problem.meanings[k].show)}"
+
+
+def _list_contradicted(problem: LibraryProblem, fit: ModelFit) -> list[int]:
+    """Return the indices of the baseline's stated parameters at their limits or many sd away."""
+    at_limit = _list_stated_at_limit(problem, fit)
+    return [k for k in _list_stated(problem, fit) if k in at_limit or _is_contradicted(problem, fit, k)]
+
+
+def _is_contradicted(problem: LibraryProblem, fit: ModelFit, k: int) -> bool:
+    return abs(_compute_prior_shift(problem, fit, k)) > MAX_PRIOR_SHIFT_SD
+
+
+def _compute_prior_shift(problem: LibraryProblem, fit: ModelFit, k: int) -> float:
+    """Return the shift of a parameter from its stated value, in sd of this; 0 without one."""
+    return float((fit.estimate.values[k] - problem.start[k]) / problem.prior_sd[k])
+
+
+def _list_stated(problem: LibraryProblem, fit: ModelFit) -> list[int]:
+    """Return the indices of the free parameters of the baseline with a stated sd."""
+    return [k for k in fit.estimate.free if problem.is_baseline[k] and np.isfinite(problem.prior_sd[k])]
 
 
 def _list_stated_at_limit(problem: LibraryProblem, fit: ModelFit) -> list[int]:
     """Return the indices of the baseline's stated parameters that are at their limits."""
-    at_limit = [fit.estimate.free[k] for k in find_parameters_at_limit(problem, fit.estimate)]
-    return [k for k in at_limit if problem.is_baseline[k] and np.isfinite(problem.prior_sd[k])]
+    at_limit = {fit.estimate.free[k] for k in find_parameters_at_limit(problem, fit.estimate)}
+    return [k for k in _list_stated(problem, fit) if k in at_limit]
 
 
 def format_asymmetry(problem: LibraryProblem, fit: ModelFit) -> list[str]:
@@ -145,12 +182,17 @@ def describe_untested_effects(problem: LibraryProblem) -> str | None:
     return f"Without a column `time`, {EFFECTS_OVER_TIME} were not tested."
 
 
-def format_unidentified_combinations(problem: LibraryProblem, baseline: ModelFit) -> list[str]:
+def format_unidentified_combinations(
+    problem: LibraryProblem, baseline: ModelFit, fit: ModelFit | None = None
+) -> list[str]:
     """Return one note for each combination of the baseline's parameters that the data do not determine.
+
+    A single parameter that either fit shifts by more than its stated sd does not depend mostly on its prior.
 
     Args:
         problem: the recording and the library.
         baseline: the refitted baseline; its noise model weights the samples.
+        fit: the refitted baseline with the identified mechanisms; None if there is no other fit.
     """
     estimate = baseline.estimate
     free = list(estimate.free)
@@ -167,9 +209,11 @@ def format_unidentified_combinations(problem: LibraryProblem, baseline: ModelFit
     # From the coordinates of the refit (logarithms for some parameters) to SI.
     by_value = estimate.jacobian / np.where(estimate.scale != 0, estimate.scale, 1.0)
     information = by_value.T @ by_value
-    return [
-        format_combination(combination)
-        for combination in find_undetermined_combinations(
-            [problem.names[k] for k in free], information, scale
-        )
-    ]
+    shifted = {
+        problem.names[k]
+        for k in free
+        if any(abs(_compute_prior_shift(problem, each, k)) > 1 for each in (baseline, fit or baseline))
+    }
+    names = [problem.names[k] for k in free]
+    combinations = find_undetermined_combinations(names, information, scale)
+    return [format_combination(c) for c in combinations if len(c) > 1 or not shifted & c.keys()]

@@ -158,6 +158,30 @@ class Diagnosis(DrawableResult, NotebookText):
             "next_experiment": [e.as_dict() for e in self.experiments],
         }
 
+    def to_frame(self) -> pd.DataFrame:
+        """Return the parameters of the named mechanisms as a table, in display units, by name.
+
+        Columns: value, sd (NaN at a limit), unit, at_limit, and the probability of the mechanism. The index
+        has names such as "braid_friction.coefficient".
+        """
+        rows = {}
+        for mechanism in self.named_mechanisms:
+            for name, estimate in self.parameters[mechanism.id].items():
+                scale, unit = get_display_unit(estimate.meaning)
+                rows[f"{mechanism.id}.{name}"] = {
+                    "value": estimate.value / scale,
+                    "sd": estimate.sd / scale,
+                    "unit": unit,
+                    "at_limit": estimate.at_limit,
+                    "probability": mechanism.probability,
+                }
+        columns = ["value", "sd", "unit", "at_limit", "probability"]
+        return pd.DataFrame.from_dict(rows, orient="index", columns=columns)
+
+    def save(self, folder: str | Path) -> list[Path]:
+        """Write diagnosis.json, prediction.csv and model.json into a folder, and return their paths."""
+        return save_diagnosis(self, Path(folder))
+
     def predictions(self) -> pd.DataFrame:
         """Return the predictions of each row without and with the mechanisms, as in prediction.csv.
 
@@ -296,5 +320,5 @@ def _serialise_shift(shift: ParameterShift) -> dict[str, Any]:
         "before": shift.baseline_value / scale,
         "after": shift.model_value / scale,
         "unit": unit,
-        "shift_in_sd": shift.shift_in_sd,
+        "shift_in_sd": _replace_non_finite(shift.shift_in_sd),
     }

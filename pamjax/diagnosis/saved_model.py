@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pamjax.diagnosis.estimates import build_parameter_estimate
 from pamjax.diagnosis.library.library_parameters import COMPLIANCE_PARAMETER
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import MapEstimate
@@ -88,7 +89,11 @@ def _serialise_covariance(problem: LibraryProblem, fit: ModelFit) -> dict[str, A
     covariance = fit.within_model_covariance * np.outer(slope, slope)
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     unit = np.where(sd > 0, sd, 1.0)
-    parameters = {n: _serialise_parameter(n, v, s) for n, v, s in zip(names, values, sd, strict=True)}
+    at_limit = [build_parameter_estimate(problem, fit, k).at_limit for k in fit.estimate.free]
+    parameters = {
+        n: _serialise_parameter(n, v, s) | {"at_limit": limit}
+        for n, v, s, limit in zip(names, values, sd, at_limit, strict=True)
+    }
     matrix = np.round(covariance / np.outer(unit, unit), 6).tolist()
     return {"parameters": parameters, "correlation": {"names": names, "matrix": matrix}}
 

@@ -7,18 +7,17 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.diagnosis.estimates import order_estimates
+from pamjax.diagnosis.estimates import build_parameter_estimate, order_estimates
 from pamjax.diagnosis.notes import (
+    describe_contradicted_values,
+    describe_contradiction,
     describe_untested_effects,
-    describe_values_at_limit,
     format_untestable_mechanisms,
 )
 from pamjax.diagnosis.unexplained import describe_unexplained_probability, describe_unexplained_reason
-from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.registry import find_mechanism
-from pamjax.parameter import get_display_unit
 from pamjax.text import format_p_value, join_words
-from pamjax.units import format_quantity
+from pamjax.units import format_number
 
 if TYPE_CHECKING:
     from pamjax.diagnosis.estimates import ParameterEstimate
@@ -75,7 +74,7 @@ def _format_mechanism(diagnosis: Diagnosis, mechanism: NamedMechanism) -> Iterat
 
 
 def _format_contradicted_values(diagnosis: Diagnosis) -> Iterator[str]:
-    sentences = describe_values_at_limit(diagnosis.problem, diagnosis.model)
+    sentences = describe_contradicted_values(diagnosis.problem, diagnosis.model)
     for sentence in sentences[:_MAX_CONTRADICTIONS]:
         yield f"  {sentence}"
 
@@ -116,14 +115,16 @@ def _format_held_out_errors(diagnosis: Diagnosis) -> Iterator[str]:
         baseline_rmse, model_rmse = (
             to_display(channel, rmse[channel]) for rmse in (errors.baseline_rmse, errors.model_rmse)
         )
-        change = f"{baseline_rmse:.3g} -> {model_rmse:.3g} {DISPLAY_UNIT[channel]}"
+        change = (
+            f"{format_number(baseline_rmse, 3)} -> {format_number(model_rmse, 3)} {DISPLAY_UNIT[channel]}"
+        )
         if not diagnosis.named_mechanisms:
-            change = f"{baseline_rmse:.3g} {DISPLAY_UNIT[channel]} by the baseline"
+            change = f"{format_number(baseline_rmse, 3)} {DISPLAY_UNIT[channel]} by the baseline"
         noise = to_display(channel, diagnosis.model.noise.compute_rms_sd(channels.index(channel)))
         blocks, expected = errors.block_description.split(":")[0], ""
         if diagnosis.named_mechanisms and channel in errors.expected_rmse:
-            expected = f", expected {to_display(channel, errors.expected_rmse[channel]):.3g}"
-        yield f"  held-out rmse ({blocks}): {channel} {change}{expected}, noise {noise:.3g}"
+            expected = f", expected {format_number(to_display(channel, errors.expected_rmse[channel]), 3)}"
+        yield f"  held-out rmse ({blocks}): {channel} {change}{expected}, noise {format_number(noise, 3)}"
     if diagnosis.fails_held_out:
         yield (
             f"  the held-out error is {errors.largest_error_ratio:.1f} times the expected one: physics is"
@@ -131,11 +132,24 @@ def _format_held_out_errors(diagnosis: Diagnosis) -> Iterator[str]:
         )
     if diagnosis.named_mechanisms and errors.is_increased(diagnosis.settings):
         yield "  the mechanisms increase the held-out error: do not use this model to predict"
+    elif doubt := describe_unconfirmed(diagnosis):
+        yield f"  {doubt}"
     if diagnosis.named_mechanisms and not errors.baseline_rmse:
         yield (
             "  no block was held out (too few blocks): no independent rows confirm these mechanisms."
             " Record at least three pressures."
         )
+
+
+def describe_unconfirmed(diagnosis: Diagnosis) -> str | None:
+    """Return a sentence if held-out errors are larger with the mechanisms, but not more than by chance."""
+    errors = diagnosis.held_out_errors
+    if not diagnosis.named_mechanisms or errors.is_increased(diagnosis.settings) or not errors.is_larger:
+        return None
+    return (
+        "The mechanisms do not decrease the held-out error; the increase is within the noise."
+        " These blocks do not confirm the mechanisms."
+    )
 
 
 def _format_experiments(diagnosis: Diagnosis) -> Iterator[str]:
@@ -148,21 +162,20 @@ def _format_experiments(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def _format_parameter_shifts(diagnosis: Diagnosis) -> Iterator[str]:
-    shifts = sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift_in_sd))
-    for name, shift in shifts[:2]:
-        if diagnosis.named_mechanisms and abs(shift.shift_in_sd) > 1:
-            scale, unit = get_display_unit(shift.meaning)
-            unit = "" if unit == "1" else f" {unit}"
-            baseline_value, model_value = shift.baseline_value / scale, shift.model_value / scale
-            yield f"  {name} changes from {baseline_value:.4g} to {model_value:.4g}{unit}"
+    shifts = sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -pair[1].order)
+    for name, shift in shifts[:3]:
+        if diagnosis.named_mechanisms and shift.order > 1:
+            problem = diagnosis.problem
+            before, after = (
+                build_parameter_estimate(problem, fit, problem.index(name))
+                for fit in (diagnosis.baseline, diagnosis.model)
+            )
+            warning = describe_contradiction(problem, diagnosis.model, name)
+            yield f"  {name} changes from {before} to {after}{warning}"
 
 
 def format_named_estimate(name: str, estimate: ParameterEstimate) -> str:
     """Return an estimate as text, as "coefficient 0.210 ± 0.012", or as "coefficient not determined"."""
     if not estimate.is_determined:
         return f"{name} not determined"
-    limit = ", at its limit" if estimate.at_limit else ""
-    unit = get_display_unit(estimate.meaning)[1]
-    if estimate.at_limit and not (math.isfinite(estimate.sd) and estimate.sd > 0):
-        return f"{name} {format_quantity(estimate.value, unit, 3)}{limit}"
-    return f"{name} {format_estimate(estimate.value, estimate.sd, unit)}{limit}"
+    return f"{name} {estimate}"

@@ -9,7 +9,8 @@ import pytest
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.notes import (
-    describe_values_at_limit,
+    describe_contradicted_values,
+    describe_contradiction,
     format_asymmetry,
     format_few_rows,
     format_parameters_at_limit,
@@ -26,10 +27,11 @@ def get_free():
     return [build_plan_problem().index(name) for name in NAMES]
 
 
-def list_unidentified(jacobian):
+def list_unidentified(jacobian, values=None):
     """Return the notes of a refit whose whitened samples have these derivatives by length and turns."""
     problem, jacobian = build_plan_problem(), np.array(jacobian)
-    fit = build_fit(problem.start, get_free(), residual=np.zeros(len(jacobian)), jacobian=jacobian)
+    values = problem.start if values is None else values
+    fit = build_fit(values, get_free(), residual=np.zeros(len(jacobian)), jacobian=jacobian)
     return format_unidentified_combinations(problem, fit)
 
 
@@ -38,6 +40,14 @@ def test_parameter_that_its_prior_determines_better_is_reported(by_turns):
     """With 100 per turn, one standard sample has an sd of 0.01; the prior has 0.004."""
     (note,) = list_unidentified([[1e5, 0.0], [0.0, by_turns]])
     assert "reduces the sd of `muscle.turns` by less than half" in note
+
+
+def test_shifted_estimate_does_not_depend_mostly_on_its_prior():
+    problem, (_, turns) = build_plan_problem(), get_free()
+    for shift_in_sd, count in ((0.5, 1), (1.5, 0)):
+        values = problem.start.copy()
+        values[turns] += shift_in_sd * problem.prior_sd[turns]
+        assert len(list_unidentified([[1e5, 0.0], [0.0, 0.0]], values)) == count
 
 
 def test_compensating_parameters_are_reported_together():
@@ -56,11 +66,11 @@ def test_stated_value_at_its_limit_is_named_with_the_stated_value():
     problem, free = build_plan_problem(), get_free()
     values = problem.neutral.copy()
     values[free] = 0.2512, problem.high[free[1]] - 1e-9
-    (sentence,) = describe_values_at_limit(problem, build_fit(values, free))
+    (sentence,) = describe_contradicted_values(problem, build_fit(values, free))
     assert sentence.startswith("`muscle.turns` is 1.1")
     assert "sd from the stated value (1.09" in sentence
     values[free] = problem.start[free]
-    assert describe_values_at_limit(problem, build_fit(values, free)) == []
+    assert describe_contradicted_values(problem, build_fit(values, free)) == []
 
 
 def test_parameter_at_its_limit_is_reported():
@@ -121,3 +131,20 @@ def test_asymmetry_that_a_sensor_error_resembles_is_reported(name, offset):
     # An even effect has no such parameter, and beside a named offset nothing is in doubt.
     assert format_asymmetry(problem, build_fit(values, get_free())) == []
     assert format_asymmetry(problem, build_fit(values, [k], mechanisms=(offset,))) == []
+
+
+def test_contradicted_value_has_the_words_of_a_fit():
+    problem, (_, turns) = build_plan_problem(), get_free()
+    # As for a thread stiffness, whose limits are wider than three sd.
+    problem = replace(
+        problem, prior_sd=np.where(np.arange(problem.start.size) == turns, 2e-3, problem.prior_sd)
+    )
+    values = problem.start.copy()
+    values[turns] += 4 * 2e-3
+    fit = build_fit(values, get_free())
+    (sentence,) = describe_contradicted_values(problem, fit)
+    assert "4.0 sd from the stated value (1.0900 ± 0.0020)" in sentence
+    assert describe_contradiction(problem, fit, "muscle.turns") == (
+        "; prior 1.0900 ± 0.0020, shift +4.0 sd, CONTRADICTS ITS PRIOR"
+    )
+    assert describe_contradiction(problem, fit, "muscle.thread_length") == ""

@@ -68,6 +68,11 @@ class HeldOutErrors:
         noise_sd = np.sqrt(2 / max(self.held_out_mask.sum(), 1))
         return bool(increase > settings.max_noise_chi2_sd * noise_sd)
 
+    @property
+    def is_larger(self) -> bool:
+        """Return whether the squared error over the expected one is larger with the mechanisms."""
+        return self._sum_relative_squares(self.model_rmse) > self._sum_relative_squares(self.baseline_rmse)
+
     def _sum_relative_squares(self, rmse: dict[str, float]) -> float:
         return sum(
             (rmse[channel] / expected) ** 2

@@ -20,11 +20,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
+from pamjax.diagnosis.estimates import ParameterShift
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.rivals import NamedMechanism
 from pamjax.infer.problem.rms import compute_rms
 from pamjax.text import join_words
-from pamjax.units import compute_si_factor
+from pamjax.units import compute_si_factor, format_count
 from pamjax.view.figures.layout import create_mark
 from pamjax.view.theme import (
     DOUBLE_COLUMN,
@@ -177,11 +178,10 @@ def _format_rivalry(mechanism: NamedMechanism) -> str:
 
 def plot_shifts(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
     """Return the shift of each baseline parameter in its sd, or None without an identified mechanism."""
-    if not diagnosis.parameter_shifts:
+    known_shifts = _select_known_shifts(diagnosis)
+    if not known_shifts:
         return None
-    largest_shifts = sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift_in_sd))[
-        :_MAX_SHIFTS
-    ]
+    largest_shifts = sorted(known_shifts.items(), key=lambda pair: -pair[1].order)[:_MAX_SHIFTS]
     shifts = [shift.shift_in_sd for _, shift in largest_shifts]
     with apply_theme():
         drawing = create_figure(SINGLE_COLUMN if narrow else 5.4, 1.15 + 0.2 * max(len(largest_shifts), 2))
@@ -205,16 +205,24 @@ def plot_shifts(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
 
 def _format_shifts(diagnosis: Diagnosis) -> str:
     """Return the title: how many baseline parameters were biased, and which one most."""
-    biased_names = [name for name, shift in diagnosis.parameter_shifts.items() if abs(shift.shift_in_sd) > 1]
+    known_shifts = _select_known_shifts(diagnosis)
+    at_limit = len(diagnosis.parameter_shifts) - len(known_shifts)
+    others = f"; {format_count(at_limit, 'parameter')} at a limit not shown" if at_limit else ""
+    biased_names = [name for name, shift in known_shifts.items() if shift.order > 1]
     if not biased_names:
-        return "The missing mechanisms biased no baseline parameter by more than 1 sd"
-    most_biased = max(biased_names, key=lambda name: abs(diagnosis.parameter_shifts[name].shift_in_sd))
-    shift_text = format_signed(diagnosis.parameter_shifts[most_biased].shift_in_sd)
+        return f"The missing mechanisms biased no baseline parameter by more than 1 sd{others}"
+    most_biased = max(biased_names, key=lambda name: known_shifts[name].order)
+    shift_text = format_signed(known_shifts[most_biased].shift_in_sd)
     return (
         f"{len(biased_names)} of {len(diagnosis.parameter_shifts)} parameters"
         f" {'shifts' if len(biased_names) == 1 else 'shift'} by more than 1 sd; largest: {most_biased},"
-        f" {shift_text} sd"
+        f" {shift_text} sd{others}"
     )
+
+
+def _select_known_shifts(diagnosis: Diagnosis) -> dict[str, ParameterShift]:
+    """Return the shifts in sd; a baseline parameter at its limit has none."""
+    return {n: s for n, s in diagnosis.parameter_shifts.items() if math.isfinite(s.shift_in_sd)}
 
 
 def _format_three_digits(value: float) -> str:

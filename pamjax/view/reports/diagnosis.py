@@ -13,16 +13,16 @@ import numpy as np
 
 from pamjax.baselines.comparison import BASELINE_MODEL, MODEL_TITLES, ModelComparison
 from pamjax.channels import DISPLAY_UNIT, format_channel_value
+from pamjax.diagnosis.estimates import ParameterEstimate, build_parameter_estimate
 from pamjax.diagnosis.model_uses import MODEL_FILE, list_model_uses
 from pamjax.diagnosis.result import Diagnosis, get_baseline_estimates
 from pamjax.diagnosis.settings import describe_settings
 from pamjax.diagnosis.unexplained import describe_unexplained_reason
-from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.form_errors.parts import MIN_SHOWN_EFFECT
 from pamjax.model.registry import find_mechanism
 from pamjax.parameter import Meaning, get_display_unit
 from pamjax.text import format_p_value, join_words
-from pamjax.units import compute_si_factor, format_quantity
+from pamjax.units import compute_si_factor, format_estimate, format_number, format_quantity
 from pamjax.view.figures import diagnosis as figures
 from pamjax.view.figures.diagnosis_loops import (
     plot_explained_residuals,
@@ -106,10 +106,7 @@ def write_diagnosis_report(
             [experiment.protocol, join_words(list(experiment.separates)), f"{experiment.power:.2f}"]
             for experiment in diagnosis.experiments
         ],
-        baseline=[
-            [n, _format_quantity(v.value, v.sd, v.meaning), v.meaning.about]
-            for n, v in get_baseline_estimates(diagnosis).items()
-        ],
+        baseline=[[n, str(v), v.meaning.about] for n, v in get_baseline_estimates(diagnosis).items()],
         notes=diagnosis.notes,
         model_file=model_file,
         command_folder="of this report" if folder is None else "in which you ran the diagnosis",
@@ -167,10 +164,7 @@ def _describe_mechanism(diagnosis: Diagnosis, k: int) -> dict[str, Any]:
         "probability": format_probability(mechanism.probability),
         "ties": list(mechanism.indistinguishable),
         "form_error": _format_form_error(diagnosis, mechanism.id),
-        "rows": [
-            [n, _format_quantity(v.value, v.sd, v.meaning), v.meaning.about]
-            for n, v in diagnosis.parameters[mechanism.id].items()
-        ],
+        "rows": [[n, str(v), v.meaning.about] for n, v in diagnosis.parameters[mechanism.id].items()],
         "candidates": _draw_picture(
             partial(figures.plot_candidates, diagnosis, mechanism), f"candidates-{mechanism.id}"
         ),
@@ -211,7 +205,10 @@ def _list_scores(diagnosis: Diagnosis, document: dict[str, Any]) -> Iterator[lis
             if document["missing_physics"]:
                 values.append(score["rmse_expected"])
             values.append(document["noise"][channel]["sd"])
-            yield [channel, *("–" if value is None else f"{value:.4g} {score['unit']}" for value in values)]
+            yield [
+                channel,
+                *("–" if value is None else f"{format_number(value, 4)} {score['unit']}" for value in values),
+            ]
 
 
 def _describe_comparison(comparison: ModelComparison) -> dict[str, Any]:
@@ -245,15 +242,15 @@ def _describe_comparison(comparison: ModelComparison) -> dict[str, Any]:
 def _list_shifts(diagnosis: Diagnosis) -> Iterator[list[str]]:
     """Yield each baseline parameter without and with the mechanisms, largest shift first."""
     baseline_estimates = get_baseline_estimates(diagnosis)
-    for name, shift in sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift_in_sd)):
-        index = diagnosis.problem.index(name)
-        model_text = _format_quantity(shift.model_value, diagnosis.model.sd(index), shift.meaning)
-        yield [
-            name,
-            _format_quantity(shift.baseline_value, baseline_estimates[name].sd, shift.meaning),
-            model_text,
-            f"{format_signed(shift.shift_in_sd)} sd",
-        ]
+    for name, shift in sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -pair[1].order):
+        shift_text = f"{format_signed(shift.shift_in_sd)} sd" if math.isfinite(shift.shift_in_sd) else "–"
+        estimates = baseline_estimates[name], _estimate_with_mechanisms(diagnosis, name)
+        yield [name, *map(str, estimates), shift_text]
+
+
+def _estimate_with_mechanisms(diagnosis: Diagnosis, name: str) -> ParameterEstimate:
+    problem = diagnosis.problem
+    return build_parameter_estimate(problem, diagnosis.model, problem.index(name))
 
 
 def _list_assumptions(diagnosis: Diagnosis) -> Iterator[str]:
@@ -279,8 +276,8 @@ def _list_assumptions(diagnosis: Diagnosis) -> Iterator[str]:
             yield f"{format_noise(case, channel, sd)}.{correlation_text}"
             continue
         yield (
-            f"Noise of {channel} is {noise['sd']:.3g} {noise['unit']} per row. It is estimated from adjacent"
-            f" rows and includes the noise of pressure and length.{correlation_text}"
+            f"Noise of {channel} is {format_number(noise['sd'], 3)} {noise['unit']} per row. It is estimated"
+            f" from adjacent rows and includes the noise of pressure and length.{correlation_text}"
         )
     yield f"{format_history(case)}."
     yield (

@@ -9,13 +9,14 @@ from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.estimates import order_estimates
 from pamjax.diagnosis.model_uses import MODEL_FILE
 from pamjax.diagnosis.next_step import describe_next_step
-from pamjax.diagnosis.notes import describe_untested_effects, describe_values_at_limit
+from pamjax.diagnosis.notes import describe_contradicted_values, describe_untested_effects
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.rivals import NamedMechanism
-from pamjax.diagnosis.summary import format_named_estimate
+from pamjax.diagnosis.summary import describe_unconfirmed, format_named_estimate
 from pamjax.diagnosis.unexplained import describe_unexplained_probability, describe_unexplained_reason
 from pamjax.model.registry import find_mechanism
 from pamjax.text import format_p_value, join_words
+from pamjax.units import format_number
 
 #: Probabilities above this limit are shown as "above 0.99".
 _MAX_SHOWN_PROBABILITY = 0.995
@@ -94,7 +95,7 @@ def list_answers(
             IMPROVEMENT_QUESTION if diagnosis.named_mechanisms else "Held-out error",
             (*_describe_held_out_errors(diagnosis), *_describe_better_formula(comparison)),
         ),
-        Answer("Stated values", tuple(describe_values_at_limit(diagnosis.problem, diagnosis.model))),
+        Answer("Stated values", tuple(describe_contradicted_values(diagnosis.problem, diagnosis.model))),
         Answer("Next", _describe_next_step(diagnosis, model)),
     ]
     return [answer for answer in answers if answer.sentences]
@@ -173,11 +174,13 @@ def _describe_held_out_errors(diagnosis: Diagnosis) -> tuple[str, ...]:
     parts = []
     for channel, baseline_rmse in errors.baseline_rmse.items():
         unit = DISPLAY_UNIT[channel]
-        change = f"{to_display(channel, baseline_rmse):.3g}"
+        change = format_number(to_display(channel, baseline_rmse), 3)
         if diagnosis.named_mechanisms:
-            change += f" → {to_display(channel, errors.model_rmse[channel]):.3g}"
-        parts.append(f"{channel} {change} {unit} (noise {noise[channel]['sd']:.3g} {unit})")
-    return (f"RMS error of held-out blocks ({errors.block_description.split(':')[0]}): {'; '.join(parts)}.",)
+            change += f" → {format_number(to_display(channel, errors.model_rmse[channel]), 3)}"
+        parts.append(f"{channel} {change} {unit} (noise {format_number(noise[channel]['sd'], 3)} {unit})")
+    sentence = f"RMS error of held-out blocks ({errors.block_description.split(':')[0]}): {'; '.join(parts)}."
+    doubt = describe_unconfirmed(diagnosis)
+    return (sentence, doubt) if doubt else (sentence,)
 
 
 def _describe_better_formula(comparison: ModelComparison | None) -> tuple[str, ...]:
@@ -185,7 +188,7 @@ def _describe_better_formula(comparison: ModelComparison | None) -> tuple[str, .
     rmse = comparison.better_formula_rmse if comparison else None
     if rmse is None:
         return ()
-    return (f"Sárosi's formula has the smaller error, {rmse:.3g} N: interpolate with it.",)
+    return (f"Sárosi's formula has the smaller error, {format_number(rmse, 3)} N: interpolate with it.",)
 
 
 def _describe_next_step(diagnosis: Diagnosis, model: str) -> tuple[str, ...]:
@@ -213,7 +216,9 @@ def list_held_out_bars(diagnosis: Diagnosis, comparison: ModelComparison | None 
             "noise": noise[channel]["sd"],
         }
         largest, unit = max(values.values()), DISPLAY_UNIT[channel]
-        rows = tuple((n, f"{value:.3g} {unit}", 100 * value / largest) for n, value in values.items())
+        rows = tuple(
+            (n, f"{format_number(value, 3)} {unit}", 100 * value / largest) for n, value in values.items()
+        )
         bars.append(HeldOutBar(channel, rows))
     return bars
 

@@ -171,7 +171,7 @@ def test_next_experiment_is_named(variant):
     text = Page(read_report(variant)).text
     for command in ("validate model.json OTHER", "inverse model.json", "simulate model.json"):
         assert f"pamjax {command}" in text
-    assert ("No mechanisms are indistinguishable" in text) == (variant == "friction")
+    assert ("Each named mechanism is distinct." in text) == (variant == "friction")
     assert "from the others" not in text
 
 

@@ -9,6 +9,8 @@ from pamjax.diagnosis.estimates import ParameterEstimate
 from pamjax.diagnosis.notes import format_untestable_mechanisms
 from pamjax.diagnosis.summary import format_named_estimate
 from pamjax.diagnosis.unexplained import UnexplainedReason, describe_unexplained_reason
+from pamjax.errors import BadInput
+from pamjax.infer.fitting.io import save
 from pamjax.model.parameters import find_meaning
 from pamjax.view.reports.diagnosis_answer import format_headline, list_answers
 from tests.view.made_up import diagnosis, planned, table
@@ -152,4 +154,40 @@ def test_undetermined_parameters_are_last_and_have_no_value():
 
 def test_value_at_its_limit_is_shown():
     estimate = ParameterEstimate(2.98765, math.nan, find_meaning("braid_friction.coefficient"), at_limit=True)
-    assert format_named_estimate("coefficient", estimate) == "coefficient 2.99, at its limit"
+    assert format_named_estimate("coefficient", estimate) == "coefficient 2.988 (at its limit)"
+
+
+def test_change_of_a_parameter_has_the_sd_of_the_new_value():
+    result = diagnosis()
+    lines = [line for line in str(result).splitlines() if "changes from" in line]
+    assert lines == ["  thread.modulus changes from 80.0 ± 1.2 GPa to 92.0 ± 1.2 GPa"]
+    # A baseline at its limit has no sd: the change is shown, without a shift in sd.
+    result.baseline.estimate.values[0] = 400e9
+    shift = replace(result.parameter_shifts["thread.modulus"], baseline_value=400e9, shift_in_sd=math.nan)
+    result.parameter_shifts["thread.modulus"] = shift
+    assert "  thread.modulus changes from 400 GPa (at its upper limit) to 92.0 ± 1.2 GPa" in str(result)
+    document = result.as_dict()
+    assert document["baseline"]["parameters"]["thread.modulus"]["sd"] is None
+    assert document["parameters_moved"]["thread.modulus"]["shift_in_sd"] is None
+
+
+@pytest.mark.parametrize(("factor", "is_doubted"), [(0.9, False), (1.0001, True)])
+def test_held_out_error_that_does_not_decrease_is_reported(factor, is_doubted):
+    result = diagnosis()
+    errors = result.held_out_errors
+    rmse = {channel: factor * value for channel, value in errors.baseline_rmse.items()}
+    result = replace(result, held_out_errors=replace(errors, model_rmse=rmse))
+    sentence = "The mechanisms do not decrease the held-out error; the increase is within the noise."
+    assert (sentence in str(result)) is is_doubted
+    assert (sentence in answers_of(result)["How much better"]) is is_doubted
+
+
+def test_table_and_files_of_a_diagnosis(tmp_path):
+    frame = diagnosis().to_frame()
+    row = frame.loc["braid_friction.coefficient"]
+    assert (row["value"], row["sd"], row["unit"], row["probability"]) == (0.21, 0.01, "1", 0.98)
+    assert diagnosis(named=False).to_frame().empty
+    with pytest.raises(
+        BadInput, match=r"`save` writes a fit; got a Diagnosis\. .*`diagnosis\.save\(folder\)`"
+    ):
+        save(diagnosis(), tmp_path)  # type: ignore[arg-type]
