@@ -13,6 +13,8 @@ from typing import Protocol
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from pamjax.errors import BadInput
@@ -23,11 +25,15 @@ from pamjax.model.bench import Bench
 from pamjax.model.state import AbstractGeometry, AbstractTerm, Cylinder, State
 from pamjax.model.thread import AbstractThread, Inextensible, LinearThread
 from pamjax.parameter import Scalar, parameter
+from pamjax.units import compute_si_factor, format_count, format_number
 
 #: Balance residual, relative to the pull, above which a state counts as not solved.
 _PULL_TOLERANCE = 1e-9
 #: Number of states that fit into a processor's cache with the intermediate results of their derivatives.
 CACHE_BLOCK_STATES = 8192
+#: Display unit of each field of a reading, and the largest number of instants in its text.
+_READING_UNITS = {"force": "N", "diameter": "mm", "thread": "mm", "strain": "1", "load": "N"}
+_MAX_SHOWN_INSTANTS = 5
 #: Minimum thread strain whose load scales the balance residual.
 _PULL_SCALE_STRAIN = 1e-6
 
@@ -50,6 +56,25 @@ class MuscleReading(eqx.Module):
     strain: Float[Array, ...]
     load: Float[Array, ...]
     status: Int[Array, ...]
+
+    def __repr__(self) -> str:
+        """Return the first values with their units, and the status in words."""
+        if not isinstance(self.status, jax.Array | np.ndarray) or isinstance(self.status, Tracer):
+            return super().__repr__()
+        status = np.atleast_1d(np.asarray(self.status))
+        lines = [f"MuscleReading: {format_count(status.size, 'instant')}"]
+        for name, unit in _READING_UNITS.items():
+            values = np.ravel(np.asarray(getattr(self, name))) / compute_si_factor(unit)
+            numbers = ", ".join(format_number(value, 5) for value in values[:_MAX_SHOWN_INSTANTS])
+            more = ", …" if values.size > _MAX_SHOWN_INSTANTS else ""
+            lines.append(f"  {name:<8} {numbers}{more}{'' if unit == '1' else f' {unit}'}")
+        lines += [
+            f"  status   {code} ({np.sum(status == code)} of {status.size}): {Status(int(code)).message}"
+            for code in np.unique(status)
+        ]
+        if status.size and not (status == Status.OK).any():
+            lines.append("  No value is valid. Check the units: pressure is in Pa and length in m.")
+        return "\n".join(lines)
 
 
 class Muscle(eqx.Module):

@@ -327,3 +327,16 @@ def test_block_size_does_not_change_the_results():
 
     for got, expected in zip(*map(jax.tree.leaves, (total(predict), total(readings))), strict=True):
         agree(got, expected, ROUNDING)
+
+
+def test_reading_prints_its_values_with_units():
+    muscle = Muscle(0.235744, 0.251206, 1.09, LinearThread(144 * 0.0858e-6 * 80e9))
+    text = repr(predict(muscle, [689.48e3, 689.48e3], [0.235744, 0.26]))
+    assert "  force    4752.8, 6415.3 N" in text
+    assert "  diameter 26.498, 0 mm" in text
+    assert "  status   0 (1 of 2): solved\n  status   2 (1 of 2): no radius" in text
+    assert "Check the units" not in text
+    wrong = repr(predict(muscle, [689.48], [235.744]))
+    assert wrong.endswith("No value is valid. Check the units: pressure is in Pa and length in m.")
+    # A reading inside a compiled function has no values to print.
+    assert "ShapeDtypeStruct" in repr(jax.eval_shape(muscle, 1e5, 0.2))
