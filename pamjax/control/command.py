@@ -13,7 +13,9 @@ import numpy as np
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.control.command_uncertainty import (
     compute_force_sd,
+    describe_fit_problems,
     find_uncertainty_source,
+    list_parameters_at_limit,
     read_unexplained_force,
 )
 from pamjax.control.evaluate_command import evaluate_command
@@ -51,6 +53,8 @@ class CommandResult:
         neglected_history: ids of neglected mechanisms of memory and speed.
         neglected_rig: ids of neglected mechanisms of sensors and rig.
         uncertainty: source of `sd`, a key of `standalone.UNCERTAINTY_TEXTS`.
+        parameters_at_limit: names of the fitted parameters at their limits, which have no sd.
+        fit_problems: a sentence on a large misfit of the fit and on these parameters, or None.
     """
 
     quantity: str
@@ -73,6 +77,8 @@ class CommandResult:
     neglected_history: tuple[str, ...] = ()
     neglected_rig: tuple[str, ...] = ()
     uncertainty: str = "unknown"
+    parameters_at_limit: tuple[str, ...] = ()
+    fit_problems: str | None = None
 
     @property
     def friction_shift(self) -> float:
@@ -128,6 +134,7 @@ class CommandResult:
             [*self.neglected_history, *self.neglected_rig],
             list(self.extrapolations),
         )
+        document["fit_problems"] = self.fit_problems
         if self.distribution is not None:
             ends = {
                 "low": _finite_or_none(self.distribution.low),
@@ -199,6 +206,10 @@ class CommandResult:
     def _format_source(self) -> str:
         """Return a sentence on the source of the standard deviation, or that none is known."""
         text = UNCERTAINTY_TEXTS[self.uncertainty]
+        if self.uncertainty == "unknown" and self.parameters_at_limit:
+            names = self.parameters_at_limit
+            reason = "is at its limit and has" if len(names) == 1 else "are at their limits and have"
+            return f"no standard deviation is known, because {join_words(names)} {reason} none"
         if self.uncertainty == "unknown":
             return text
         if not self.unexplained_force:
@@ -207,7 +218,7 @@ class CommandResult:
 
     def _format_neglected(self) -> list[str]:
         """Return a line for each neglected effect and each extrapolation."""
-        lines = [*self.extrapolations]
+        lines = [*([self.fit_problems] if self.fit_problems else []), *self.extrapolations]
         if self.neglected_history:
             lines.append(
                 f"the command assumes a muscle at rest and neglects {join_words(self.neglected_history)}"
@@ -316,4 +327,6 @@ def solve_command(
         neglected_history,
         neglected_rig,
         find_uncertainty_source(file, draws is not None) if math.isfinite(sd) else "unknown",
+        tuple(list_parameters_at_limit(file, case)),
+        describe_fit_problems(file, case),
     )

@@ -22,9 +22,11 @@ from jaxtyping import Array
 from pamjax.compile.programs import run_compiled
 from pamjax.control.inverse import compute_static_force
 from pamjax.errors import BadInput, suggest_word
+from pamjax.infer.fitting.report import MIN_EXCESS
 from pamjax.model.assembly import assemble, assemble_bench
 from pamjax.records.files import read_bytes
-from pamjax.units import compute_si_factor
+from pamjax.text import join_words
+from pamjax.units import compute_si_factor, format_number
 
 #: Standard deviation of the force at rest, N, at pressures, Pa, and lengths, m, each (n,).
 ForceUncertainty = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -131,6 +133,55 @@ def find_uncertainty_source(file: Path | None, has_draws: bool = False) -> str:
     if "correlation" not in document:
         return "unknown"
     return "design" if document.get("uncertainty") == "design" else "calibration"
+
+
+def list_parameters_at_limit(file: Path | None, case: str | None = None) -> list[str]:
+    """Return the names of the fitted parameters that are at their limits, which have no sd.
+
+    Args:
+        file: a fit.json or model.json; None for a muscle with stated values.
+        case: name of one of several cases. Default: the first.
+    """
+    if file is None or file.suffix != ".json":
+        return []
+    document = json.loads(read_bytes(file))
+    prefix = f"{case or next(iter(document['cases']))}/"
+    return [
+        name.removeprefix(prefix)
+        for name, parameter in document.get("parameters", {}).items()
+        if parameter.get("at_limit") and ("/" not in name or name.startswith(prefix))
+    ]
+
+
+def describe_fit_problems(file: Path | None, case: str | None = None) -> str | None:
+    """Return a sentence on parameters at their limits and on a misfit above the noise, or None.
+
+    Args:
+        file: a fit.json or model.json; None for a muscle with stated values.
+        case: name of one of several cases. Default: the first.
+    """
+    at_limit, misfits = list_parameters_at_limit(file, case), _read_misfit_ratios(file, case)
+    problems = [f"its rmse of {c} is {format_number(ratio, 2)} times the noise" for c, ratio in misfits]
+    if at_limit:
+        verb = "is at its limit" if len(at_limit) == 1 else "are at their limits"
+        problems.append(f"{join_words(at_limit)} {verb}")
+    if not problems or file is None:
+        return None
+    advice = "; run `pamjax diagnose`" if file.name != "model.json" else ""
+    return f"check the fit first: {' and '.join(problems)}{advice}"
+
+
+def _read_misfit_ratios(file: Path | None, case: str | None) -> list[tuple[str, float]]:
+    """Return each channel with a misfit in a fit.json, and its ratio of rmse and noise."""
+    if file is None or file.suffix != ".json":
+        return []
+    cases = json.loads(read_bytes(file))["cases"]
+    entry = cases[case or next(iter(cases))]
+    return [
+        (channel, entry["rmse"][channel]["value"] / noise["sd"])
+        for channel, noise in entry.get("noise", {}).items()
+        if noise["excess"] > MIN_EXCESS
+    ]
 
 
 class _ModelKey(eqx.Module):

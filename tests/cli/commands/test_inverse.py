@@ -93,7 +93,18 @@ def test_command_without_a_standard_deviation_mentions_no_part_of_it(fitted, tmp
     assert main(words) == 0
     printed = capsys.readouterr().out
     assert "±" not in printed
-    assert "no standard deviation is known" in printed
+    assert "no standard deviation is known: there is no fit" in printed
+    document["parameters"]["thread.modulus"]["at_limit"] = True
+    case_document["rmse"]["force"]["value"] = 20 * case_document["noise"]["force"]["sd"]
+    case_document["noise"]["force"]["excess"] = 16.0
+    (tmp_path / "fit.json").write_text(json.dumps(document))
+    assert main(words) == 0
+    printed = capsys.readouterr().out
+    assert "no standard deviation is known, because thread.modulus is at its limit and has none" in printed
+    assert (
+        "check the fit first: its rmse of force is 20 times the noise and thread.modulus is at its limit;"
+        " run `pamjax diagnose`"
+    ) in " ".join(printed.split())
     assert main([*words, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["uncertainty"] == "unknown"
 
