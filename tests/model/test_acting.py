@@ -40,6 +40,7 @@ def test_one_pass_is_sufficient_without_memory():
     assert np.max(np.abs(force(0.2, once) - force(0.2, twice))) > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "mechanism",
     [

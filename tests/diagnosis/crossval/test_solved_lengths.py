@@ -1,6 +1,7 @@
 """Predicted lengths of an isotonic test that solve the balance, and unchanged predictions of forces."""
 
 import numpy as np
+import pytest
 
 from pamjax.diagnosis.crossval.solved_lengths import predict_solved
 from pamjax.diagnosis.library.library_problem import build_library_problem
@@ -34,6 +35,7 @@ def build_problem(folder, lengths=LENGTHS):
     return build_library_problem(read_case(folder))
 
 
+@pytest.mark.slow
 def test_bare_braid_without_load_contracts_fully(tmp_path):
     """Its length is B/√3 at every pressure: the volume is largest at an angle of 35.26°."""
     problem, inflated = build_problem(tmp_path), slice(1, None)

@@ -101,6 +101,7 @@ def test_derivatives_without_memory_agree_with_two_passes():
     assert not np.any(once)
 
 
+@pytest.mark.slow
 def test_form_explains_misfit_that_the_baseline_parameters_absorbed():
     """A gain error of 1 % of the load cell shifts the turns within their prior."""
     problem = build_library_problem(simulate_bank(NOISE_ALONE).case)

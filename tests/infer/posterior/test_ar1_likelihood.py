@@ -72,6 +72,7 @@ def test_likelihood_depends_on_the_correlation():
     assert abs(log_density - by_matrix(misfit, 1.3, 0.6, 0.4)) > 0.01
 
 
+@pytest.mark.slow
 def test_information_is_the_mean_curvature():
     # 4000 samples of sensor noise without input noise: the mean curvature is the information.
     n, sd, memory = 4000, 2.0, 0.7

@@ -91,6 +91,7 @@ def evaluate(density):
     )
 
 
+@pytest.mark.slow
 def test_likelihood_is_the_gaussian_with_both_covariances():
     covariance = build_noise_covariance() + COLUMNS[:, :N].T @ COLUMNS[:, :N]
     exact = multivariate_normal(np.zeros(N), covariance).logpdf((MEASURED - SLOPE * VALUES[0])[:N])
@@ -151,6 +152,7 @@ def test_likelihood_and_draws_fulfil_the_theorem_of_bayes():
     )
 
 
+@pytest.mark.slow
 def test_gaussian_approximation_has_the_information_of_generalised_least_squares():
     density = build_density(noise_sd=1e-4)
     gaussian = fit_laplace(density, jnp.zeros(3))

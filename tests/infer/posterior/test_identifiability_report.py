@@ -188,6 +188,7 @@ def test_ridge_of_a_product_is_reported_as_a_product():
     assert _format_product(["a", "b", "c"], np.array([1.0, 0.5, 0.95])) == "a × b^0.5 × c"
 
 
+@pytest.mark.slow
 def test_report_compares_with_the_stated_values():
     # Five diameters determine the modulus to 4 GPa, as the other computations do.
     priors = {"thread.modulus": {"value": 84e9, "sd": 3e9}}

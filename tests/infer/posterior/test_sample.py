@@ -110,6 +110,7 @@ def test_draws_depend_only_on_the_seed():
     assert a.shape != c.shape or not np.array_equal(a, c)
 
 
+@pytest.mark.slow
 def test_finished_run_is_reused(tmp_path):
     first = sample(fitted(), seed=1, checkpoint=tmp_path, **QUICK)
     before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
@@ -223,6 +224,7 @@ def test_soft_loss_is_refused():
         sample(dataclasses.replace(fitted(), loss="soft"))
 
 
+@pytest.mark.slow
 def test_prior_is_a_normalised_density():
     at = drawn().density.space
     # Along one parameter, with the others at their starts, the density of u integrates to one.

@@ -66,6 +66,7 @@ def test_cones_of_fixed_height_have_the_closed_form(fitting):
     agree(mean, 2 * RADIUS - 2 * height * (RADIUS - fitting) / AT, ROUNDING)
 
 
+@pytest.mark.slow
 def test_volume_of_cones_of_fixed_height_agrees_with_frusta():
     state, height, fitting = Cylinder()(AT[5], THREAD, TURNS), 0.02, 0.012
     profile = np.linspace(fitting, RADIUS[5], 4001)

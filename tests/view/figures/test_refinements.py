@@ -22,6 +22,7 @@ def list_refinements(kind):
     return [n for n, m in list_field_meanings(kind).items() if m.is_refinement and n not in SCALES]
 
 
+@pytest.mark.slow
 def test_every_refinement_has_a_curve(monkeypatch):
     drawn = set()
 
