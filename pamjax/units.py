@@ -327,8 +327,10 @@ def format_estimate(value: float, sd: float | None, unit: str) -> str:
 
     >>> format_estimate(83.512e9, 3.43e9, "GPa"), format_estimate(3.7045e9, 3.2325e9, "Pa*s/m^3")
     ('83.5 ± 3.4 GPa', '(3.7 ± 3.2)e9 Pa*s/m^3')
+    >>> format_estimate(-0.02, 1.3, "1")
+    '0.0 ± 1.3'
     """
-    if not has_digits(sd):
+    if not (has_digits(sd) and math.isfinite(value)):
         return format_quantity(value, unit, 5)
     (value_text, sd_text), power = round_by_sd([value, sd], sd, unit)
     text = f"({value_text} ± {sd_text}){power}" if power else f"{value_text} ± {sd_text}"
@@ -359,4 +361,5 @@ def round_by_sd(values: Sequence[float], sd: float, unit: str) -> tuple[list[str
         exponent = math.floor(math.log10(largest))
         values, sd, power = [value / 10.0**exponent for value in values], sd / 10.0**exponent, f"e{exponent}"
     decimals = 1 - math.floor(math.log10(sd))
-    return [f"{round(value, decimals):.{max(decimals, 0)}f}" for value in values], power
+    # A zero is added, because a rounded negative number can be -0.0.
+    return [f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}" for value in values], power

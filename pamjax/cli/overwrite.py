@@ -14,11 +14,15 @@ from pamjax.errors import BadInput
 _TRIALS_START, _REPORT_PART, _TABLE_ARRAY = '{"stage": "', '<p class="kicker">', "error_force.npy"
 
 
+#: Files whose content shows whether pamjax wrote them.
+_MARKED_SUFFIXES = (".json", ".jsonl", ".html", ".npz")
+
+
 def check_replaceable(folder: Path, names: Sequence[str], label: str = "`--out`") -> None:
     """Refuse an output folder in which a command would replace a file that pamjax did not write.
 
-    Call it before the computation. If the folder has the first file as pamjax writes it, all files are from
-    an earlier run.
+    Call it before the computation. Figures and tables have no mark of pamjax. If the folder has the first
+    file as pamjax writes it, they are from an earlier run.
 
     Args:
         folder: the output folder, which need not exist.
@@ -28,9 +32,10 @@ def check_replaceable(folder: Path, names: Sequence[str], label: str = "`--out`"
     Raises:
         BadInput: with the first of these files.
     """
-    if _is_own(folder / names[0]):
-        return
+    has_results = _is_own(folder / names[0])
     for file in (folder / name for name in names):
+        if has_results and file.suffix not in _MARKED_SUFFIXES:
+            continue
         if file.exists() and not _is_own(file):
             rule = "a command must replace only files that pamjax wrote"
             remedy = f"Write {label} with another folder, or rename the file."
@@ -43,6 +48,9 @@ def _is_own(file: Path) -> bool:
         if file.suffix == ".npz":
             with zipfile.ZipFile(file) as archive:
                 return _TABLE_ARRAY in archive.namelist()
+        if not file.stat().st_size:
+            # A run that was killed can leave an empty list of trials.
+            return file.suffix == ".jsonl"
         text = file.read_text("utf-8") if file.suffix in (".json", ".jsonl", ".html") else ""
         if file.suffix == ".json":
             document = json.loads(text)

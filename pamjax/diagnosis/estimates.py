@@ -35,8 +35,8 @@ class ParameterEstimate:
 
     @property
     def is_above_sd(self) -> bool:
-        """Return whether the value is larger than its sd."""
-        return abs(self.value) > self.sd
+        """Return whether the value is larger than its sd; a value at a limit has none."""
+        return self.at_limit or abs(self.value) > self.sd
 
     def __str__(self) -> str:
         """Return value ± sd with its unit; a value at a limit has no sd."""

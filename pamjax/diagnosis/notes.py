@@ -20,6 +20,7 @@ from pamjax.infer.fitting.identifiability import (
     format_combination,
 )
 from pamjax.infer.fitting.report import MAX_PRIOR_SHIFT_SD, describe_prior, format_contradicted_value
+from pamjax.infer.problem.priors import is_length_error
 from pamjax.model.parameters import find_meaning
 from pamjax.text import join_words
 
@@ -125,9 +126,16 @@ def describe_contradiction(problem: LibraryProblem, fit: ModelFit, name: str) ->
 
 
 def _list_contradicted(problem: LibraryProblem, fit: ModelFit) -> list[int]:
-    """Return the indices of the baseline's stated parameters at their limits or many sd away."""
+    """Return the indices of the baseline's stated parameters at their limits or many sd away.
+
+    An error of a length level has no stated value in muscle.toml.
+    """
     at_limit = _list_stated_at_limit(problem, fit)
-    return [k for k in _list_stated(problem, fit) if k in at_limit or _is_contradicted(problem, fit, k)]
+    return [
+        k
+        for k in _list_stated(problem, fit)
+        if not is_length_error(problem.names[k]) and (k in at_limit or _is_contradicted(problem, fit, k))
+    ]
 
 
 def _is_contradicted(problem: LibraryProblem, fit: ModelFit, k: int) -> bool:

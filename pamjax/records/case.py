@@ -194,8 +194,10 @@ def build_case(
     warnings += check_units(recording, muscle_toml, units, file)
     warnings += check_isotonic_units(recording, muscle_toml, units, file)
     warnings += check_force_zero(recording, muscle_toml, file)
+    stuck = find_stuck_sensors(recording, file)
     # A long clipped sequence is also a stuck sensor: one warning is sufficient.
-    warnings += find_stuck_sensors(recording, file) or find_clipped_sensors(recording, file)
+    stuck_names = {sentence.split("`")[1] for sentence in stuck}
+    warnings += [*stuck, *find_clipped_sensors(recording, file, stuck_names)]
     _check_length_below_thread(recording, muscle_toml, units.get("length", DISPLAY_UNIT["length"]), file)
     return Case(
         name=folder.resolve().name,

@@ -178,6 +178,17 @@ class Recording:
         """Return length, m, and pressure, Pa, (2, n), which reverse at stroke ends; 0 where not measured."""
         return np.nan_to_num(np.stack([self.length, self.pressure]))
 
+    def mark_run_starts(self, is_run_start: np.ndarray) -> Recording:
+        """Return a copy whose continuous parts are known, where its rows do not show them.
+
+        Args:
+            is_run_start: (n,) whether a continuous part begins at a row.
+        """
+        marked = replace(self)
+        # A cached property reads its value from here.
+        vars(marked)["is_run_start"] = is_run_start
+        return marked
+
     def select(self, mask: np.ndarray) -> Recording:
         """Return the rows of a mask or of row indices; they keep their line numbers."""
         columns = {

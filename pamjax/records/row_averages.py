@@ -2,20 +2,20 @@
 
 A long recording has more samples in each stroke than a model needs. Each group of m neighbouring rows becomes
 one row, the mean of its samples. White noise decreases by √m, so that the averages together are as accurate
-as the samples. A group does not extend over a turn, a pause or the end of a block. Some rows are not
-averaged: those between which the inputs change fast, and the first of each stroke, where friction changes its
-sign.
+as the samples. AR(1) noise with a correlation ρ decreases by the root of m / (1 + 2 Σ (1 − k/m) ρ^k), k < m.
 
-Some sensors are read in every second or tenth row only. Their mean must belong to the mean time of the group:
+A group does not extend over a turn, a pause or the end of a block. Some rows are not averaged: turns, and the
+first rows of each stroke, where friction changes its sign. Where an input changes fast, groups are smaller.
 
-- A group has an odd number of rows, and is centred on such samples where possible.
-- Elsewhere the samples are moved to the mean time of the group with the local slope of their channel.
+Some sensors are read in every second or tenth row only. A group is centred on such a row where possible.
+Elsewhere the mean is moved to the mean time of the group, with the slope between the neighbouring means.
 
-Neglects: effects that are faster than the interval of the groups, and correlation of the noise.
+Neglects: effects that are faster than the interval of the groups.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -26,8 +26,18 @@ from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.records.recording import Recording
 from pamjax.records.turns import find_turns
 
-#: Largest change of pressure or of length in a group, as a share of its range in the recording.
-_MAX_CHANGE_SHARE = 0.02
+#: Largest change of pressure or of length in a group, as a share of its range in the recording. A recording
+#: with too many rows at the first share has the next one.
+_MAX_CHANGE_SHARES = (0.02, 0.05, 0.1, 0.3)
+
+#: Largest number of groups, relative to the number of rows over the size of a group, below the last share.
+_MAX_GROUP_RATIO = 2.0
+
+#: Change within a group that noise explains, sd of the noise.
+_MAX_NOISE_CHANGE = 6.0
+
+#: Median of the absolute second difference of white noise with a standard deviation of 1.
+_MEDIAN_SECOND_DIFFERENCE = 0.6745 * np.sqrt(6)
 
 #: Rows of a part are not averaged until an input has changed by this share of its range: at least the first
 #: number of rows, and at most the second.
@@ -41,44 +51,46 @@ class RowAverages:
     Attributes:
         recording: the recording.
         part: (n,) number of the continuous part of each row: a stroke, a hold.
+        is_turn: (n,) whether a row is a turn.
         group: (n,) number of the group of each row, from zero, increasing.
     """
 
     recording: Recording
     part: np.ndarray
+    is_turn: np.ndarray
     group: np.ndarray
 
     @classmethod
     def from_recording(cls, recording: Recording, label: np.ndarray, size: int) -> RowAverages:
-        """Return groups of a size.
+        """Return groups of at most a size.
 
         Args:
             recording: the recording, a time series.
-            label: (n,) block of each row; no group has rows of two blocks.
+            label: (n,) block of each row, -1 for none; no group has rows of two blocks.
             size: rows in a group, an odd number.
         """
         is_turn = find_turns(recording)
-        is_first = recording.is_run_start.copy()
-        is_first[1:] |= (np.diff(label) != 0) | (np.diff(recording.cycle) != 0)
-        # A turn between two samples is found at both: the first is the last of its stroke.
-        is_first[1:] |= is_turn[:-1] & ~np.append(False, is_turn[:-2])
-        rarest = min(recording.channels, key=lambda name: np.isfinite(getattr(recording, name)).sum())
-        is_read = np.isfinite(getattr(recording, rarest))
-        bounds = np.append(np.flatnonzero(is_first), recording.n)
-        starts = np.concatenate([_choose_starts(is_read[a:b], size) for a, b in pairwise(bounds)])
-        # The speed at a turn is not known: that row is a group of its own.
-        starts |= is_turn
-        starts[1:] |= is_turn[:-1]
-        part = np.cumsum(is_first) - 1
-        starts |= _find_first_rows(recording, part)
-        starts = _split_fast_groups(recording, starts)
-        return cls(recording, part, np.cumsum(starts) - 1)
+        part = _number_parts(recording, label, is_turn)
+        # A turn and the first rows of a part are groups of their own.
+        is_single = is_turn | _find_first_rows(recording, part)
+        is_bound = is_single | (np.diff(part, prepend=-1) != 0)
+        is_bound[1:] |= is_single[:-1] | (np.diff(label) != 0)
+        starts = is_bound
+        for share in _MAX_CHANGE_SHARES:
+            starts = _start_groups(recording, is_bound, size, share)
+            if starts.sum() <= _MAX_GROUP_RATIO * recording.n / size:
+                break
+        return cls(recording, part, is_turn, np.cumsum(starts) - 1)
+
+    @cached_property
+    def first_rows(self) -> np.ndarray:
+        """Return the index of the first row of each group, (k,)."""
+        return np.flatnonzero(np.diff(self.group, prepend=-1))
 
     @cached_property
     def centres(self) -> np.ndarray:
         """Return the index of the row in the centre of each group, (k,)."""
-        first_rows = np.flatnonzero(np.diff(self.group, prepend=-1))
-        return first_rows + (np.bincount(self.group) - 1) // 2
+        return self.first_rows + (np.bincount(self.group) - 1) // 2
 
     @cached_property
     def mean_time(self) -> np.ndarray:
@@ -94,10 +106,14 @@ class RowAverages:
         """Return the means of the values that were measured, (k,); NaN in a group without one."""
         is_measured = np.isfinite(values)
         counts = self.sum(is_measured)
-        is_partly_measured = (counts < np.bincount(self.group))[self.group]
-        moved = np.where(is_measured & is_partly_measured, self._move_to_mean_time(values), values)
         with np.errstate(invalid="ignore"):
-            return self.sum(np.where(is_measured, moved, 0.0)) / np.where(counts > 0, counts, np.nan)
+            # The mean of equal readings is that reading: differences from the first are exactly zero.
+            reference = values[self.first_rows]
+            reference = np.where(np.isfinite(reference), reference, 0.0)
+            deviation = np.where(is_measured, values - reference[self.group], 0.0)
+            mean = reference + self.sum(deviation) / np.where(counts > 0, counts, np.nan)
+        is_partly_measured = counts < np.bincount(self.group)
+        return np.where(is_partly_measured, self._move_to_mean_time(mean, is_measured), mean)
 
     def contains(self, mask: np.ndarray) -> np.ndarray:
         """Return whether a group has a row of a mask, (k,)."""
@@ -113,67 +129,88 @@ class RowAverages:
             for name in ("pressure", "length")
         }
         channels = {name: self.average(getattr(recording, name)) for name in ("force", "diameter")}
-        return replace(recording.select(self.centres), time=self.mean_time, **inputs, **channels)
+        averaged = replace(recording.select(self.centres), time=self.mean_time, **inputs, **channels)
+        return averaged.mark_run_starts(recording.is_run_start[self.first_rows])
 
-    def scale_sensors(self, sensors: Sensors) -> Sensors:
-        """Return the noise of the means in a typical group, of sensors with white noise."""
+    def scale_sensors(self, sensors: Sensors, correlations: Mapping[str, float]) -> Sensors:
+        """Return the noise of the means in a typical group.
+
+        Args:
+            sensors: noise of the samples.
+            correlations: correlation of neighbouring samples of some channels; others have white noise.
+        """
         names = ["pressure", "force", "diameter", *([] if sensors.length_per_level else ["length"])]
         return replace(
             sensors,
             **{
-                name: sd * self._compute_noise_ratio(getattr(self.recording, name))
+                name: sd * self._compute_noise_ratio(name, correlations)
                 for name in names
                 if (sd := getattr(sensors, name)) is not None
             },
         )
 
-    def compute_row_noise_ratios(self, values: np.ndarray) -> np.ndarray:
-        """Return the noise of the mean in each group relative to a typical group, (k,); 1 without samples."""
-        counts = self.sum(np.isfinite(values))
-        return np.where(
-            counts > 0, 1 / np.sqrt(np.maximum(counts, 1)) / self._compute_noise_ratio(values), 1.0
-        )
+    def compute_row_noise_ratios(self, name: str, correlations: Mapping[str, float]) -> np.ndarray:
+        """Return the noise of a channel's means relative to a typical group, (k,); 1 without samples.
 
-    def _compute_noise_ratio(self, values: np.ndarray) -> float:
-        """Return the median ratio of the noise of a mean and of a sample; 1 without samples."""
-        counts = self.sum(np.isfinite(values))
-        return float(1 / np.sqrt(np.median(counts[counts > 0]))) if counts.any() else 1.0
+        Arguments as in `scale_sensors`.
+        """
+        ratios = _compute_mean_noise(self._count(name), correlations.get(name, 0.0))
+        return ratios / self._compute_noise_ratio(name, correlations)
 
-    def _move_to_mean_time(self, values: np.ndarray) -> np.ndarray:
-        """Return the values at the mean time of their group, by the slope between their neighbours."""
+    def count_samples_per_row(self, name: str) -> float:
+        """Return the mean number of a channel's samples in the groups that have some; 1 without samples."""
+        counts = self._count(name)
+        return float(counts[counts > 0].mean()) if counts.any() else 1.0
+
+    def _count(self, name: str) -> np.ndarray:
+        return self.sum(np.isfinite(getattr(self.recording, name)))
+
+    def _compute_noise_ratio(self, name: str, correlations: Mapping[str, float]) -> float:
+        """Return the ratio of the noise of a mean in a typical group and of a sample."""
+        counts = self._count(name)
+        typical = np.median(counts[counts > 0]) if counts.any() else 1
+        return float(_compute_mean_noise(np.array([typical]), correlations.get(name, 0.0))[0])
+
+    def _move_to_mean_time(self, mean: np.ndarray, is_measured: np.ndarray) -> np.ndarray:
+        """Return means, (k,), moved from the mean time of their samples to that of their group."""
         assert self.recording.time is not None
-        rows = np.flatnonzero(np.isfinite(values))
-        time, part, read = self.recording.time[rows], self.part[rows], values[rows]
-        # The neighbours before and after a sample, or the sample itself at the end of a part.
-        here = np.arange(rows.size)
-        before, after = np.maximum(here - 1, 0), np.minimum(here + 1, rows.size - 1)
+        counts, moved = self.sum(is_measured), mean.copy()
+        groups = np.flatnonzero(counts)
+        time = self.sum(np.where(is_measured, self.recording.time, 0.0))[groups] / counts[groups]
+        part, here = self.part[self.centres[groups]], np.arange(groups.size)
+        # The neighbours before and after a mean, or the mean itself at the end of a part.
+        before, after = np.maximum(here - 1, 0), np.minimum(here + 1, groups.size - 1)
         before, after = (np.where(part[k] == part, k, here) for k in (before, after))
-        interval = time[after] - time[before]
-        slope = np.divide(read[after] - read[before], interval, out=np.zeros(rows.size), where=interval > 0)
-        moved = values.copy()
-        moved[rows] += slope * (self.mean_time[self.group[rows]] - time)
+        interval, change = time[after] - time[before], mean[groups][after] - mean[groups][before]
+        slope = np.divide(change, interval, out=np.zeros(groups.size), where=interval > 0)
+        moved[groups] += slope * (self.mean_time[groups] - time)
         return moved
 
 
-def _choose_starts(is_read: np.ndarray, size: int) -> np.ndarray:
-    """Return whether a group starts at a row of a part, (n,) bool.
+def _compute_mean_noise(counts: np.ndarray, correlation: float) -> np.ndarray:
+    """Return the noise of means of some samples relative to one sample, (k,); 1 without samples."""
+    out = np.ones(counts.shape)
+    for count in np.unique(counts[counts > 0]):
+        lags = np.arange(1, round(count))
+        variance = (1 + 2 * np.sum((1 - lags / count) * correlation**lags)) / count
+        out[counts == count] = np.sqrt(variance)
+    return out
 
-    The centre of a group is a row in which the rarest channel was measured, where possible.
 
-    Args:
-        is_read: (n,) whether this channel was measured in a row of the part.
-        size: rows in a group.
+def _number_parts(recording: Recording, label: np.ndarray, is_turn: np.ndarray) -> np.ndarray:
+    """Return the number of the continuous part of each row, (n,).
+
+    A part ends at a pause, a turn, and where the cycle or the block changes. Rows without a block belong to
+    the part before them.
     """
-    half_width = size // 2
-    phases = range(min(size, is_read.size))
-    phase = max(phases, key=lambda s: (np.mean(is_read[s::size]), -abs(s - half_width)))
-    starts = np.zeros(is_read.size, dtype=bool)
-    starts[(phase - half_width) % size :: size] = True
-    # Less than half of a group at an end of the part belongs to its neighbour.
-    starts[: half_width + 1] = False
-    starts[is_read.size - half_width :] = False
-    starts[0] = True
-    return starts
+    is_first = recording.is_run_start.copy()
+    is_first[1:] |= np.diff(recording.cycle) != 0
+    labelled = np.flatnonzero(label >= 0)
+    is_first[labelled[1:]] |= np.diff(label[labelled]) != 0
+    # A turn between two samples is found at both: the first is the last of its stroke.
+    is_first[1:] |= is_turn[:-1] & ~np.append(False, is_turn[:-2])
+    is_first[:1] = True
+    return np.cumsum(is_first) - 1
 
 
 def _find_first_rows(recording: Recording, part: np.ndarray) -> np.ndarray:
@@ -181,18 +218,72 @@ def _find_first_rows(recording: Recording, part: np.ndarray) -> np.ndarray:
     first_row = np.searchsorted(part, part)
     position, change = np.arange(part.size) - first_row, np.zeros(part.size)
     for values in (recording.pressure, recording.length):
-        value_range = np.ptp(values[np.isfinite(values)])
-        change = np.fmax(change, np.abs(values - values[first_row]) / (value_range or 1.0))
+        change = np.fmax(change, np.abs(values - values[first_row]) / (_compute_range(values) or 1.0))
     least, most = _START_ROWS
     return (position < least) | ((position < most) & (change < _MIN_START_SHARE))
 
 
-def _split_fast_groups(recording: Recording, starts: np.ndarray) -> np.ndarray:
-    """Return the starts of groups, (n,) bool; rows between which an input changes fast start their own."""
+def _start_groups(recording: Recording, is_bound: np.ndarray, size: int, share: float) -> np.ndarray:
+    """Return whether a group starts at a row, (n,) bool.
+
+    Args:
+        recording: the recording.
+        is_bound: (n,) whether a group must start at a row.
+        size: largest number of rows in a group, an odd number.
+        share: largest change of an input in a group, as a share of its range.
+    """
+    rarest = min(recording.channels, key=lambda name: np.isfinite(getattr(recording, name)).sum())
+    is_read = np.isfinite(getattr(recording, rarest))
+    starts, is_divided = is_bound, np.ones(recording.n, dtype=bool)
+    while is_divided.any():
+        bounds = np.append(np.flatnonzero(starts), recording.n)
+        starts = np.concatenate(
+            [
+                _choose_starts(is_read[a:b], size) if is_divided[a] else starts[a:b]
+                for a, b in pairwise(bounds)
+            ]
+        )
+        # Smaller groups take the place of those in which an input changes too fast.
+        is_divided = _find_fast_rows(recording, starts, share)
+        size = (size // 2 - 1) | 1
+    return starts
+
+
+def _choose_starts(is_read: np.ndarray, size: int) -> np.ndarray:
+    """Return whether a group starts at a row of a segment, (n,) bool.
+
+    The centre of a group is a row in which the rarest channel was measured, where possible.
+
+    Args:
+        is_read: (n,) whether this channel was measured in a row of the segment.
+        size: rows in a group, an odd number.
+    """
+    half_width = size // 2
+    phases = range(min(size, is_read.size))
+    phase = max(phases, key=lambda s: (np.mean(is_read[s::size]), -abs(s - half_width)))
+    starts = np.zeros(is_read.size, dtype=bool)
+    starts[(phase - half_width) % size :: size] = True
+    # Less than half of a group at an end of the segment belongs to its neighbour.
+    starts[: half_width + 1] = False
+    starts[is_read.size - half_width :] = False
+    starts[0] = True
+    return starts
+
+
+def _find_fast_rows(recording: Recording, starts: np.ndarray, share: float) -> np.ndarray:
+    """Return whether an input changes too fast in the group of a row, (n,) bool."""
     group, first_rows = np.cumsum(starts) - 1, np.flatnonzero(starts)
     last_rows = np.append(first_rows[1:], starts.size) - 1
     is_fast = np.zeros(first_rows.size, dtype=bool)
     for values in (recording.pressure, recording.length):
-        value_range = np.ptp(values[np.isfinite(values)])
-        is_fast |= np.abs(values[last_rows] - values[first_rows]) > _MAX_CHANGE_SHARE * value_range
-    return starts | is_fast[group]
+        second_difference = np.abs(np.diff(values, 2))
+        noise = np.nanmedian(second_difference) / _MEDIAN_SECOND_DIFFERENCE
+        limit = max(share * _compute_range(values), _MAX_NOISE_CHANGE * noise)
+        is_fast |= np.abs(values[last_rows] - values[first_rows]) > limit
+    return is_fast[group]
+
+
+def _compute_range(values: np.ndarray) -> float:
+    """Return the difference of the largest and the smallest measured value; 0 without one."""
+    measured = values[np.isfinite(values)]
+    return float(np.ptp(measured)) if measured.size else 0.0

@@ -91,3 +91,12 @@ def test_trials_of_a_study_are_recognised(tmp_path):
     (tmp_path / "trials.jsonl").write_text("1 2 3\n")
     with pytest.raises(BadInput, match=r"trials\.jsonl"):
         check_replaceable(tmp_path, names)
+
+
+def test_a_page_of_the_user_beside_results_is_kept(tmp_path):
+    (tmp_path / "fit.json").write_text('{"schema": "pamjax.fit/1"}')
+    (tmp_path / "force.png").write_bytes(b"earlier figure")
+    check_replaceable(tmp_path, ["fit.json", "report.html", "force.png"])
+    (tmp_path / "report.html").write_text("<p>my notes</p>")
+    with pytest.raises(BadInput, match=r"report\.html"):
+        check_replaceable(tmp_path, ["fit.json", "report.html", "force.png"])

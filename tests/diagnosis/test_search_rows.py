@@ -8,7 +8,7 @@ import pytest
 from pamjax import DiagnosisSettings, diagnose
 from pamjax.diagnosis.library.library_problem import average_rows, build_library_problem
 from pamjax.diagnosis.noise.estimate import estimate_noise
-from pamjax.diagnosis.search_rows import choose_search_rows
+from pamjax.diagnosis.search_rows import choose_search_rows, estimate_correlations
 from pamjax.model.muscle import Muscle
 from pamjax.model.thread import LinearThread
 from pamjax.records.blocks import find_blocks
@@ -50,6 +50,13 @@ def test_a_short_recording_and_a_table_are_not_reduced():
     assert choose(build_recording(has_time=False), 100) is None
 
 
+def test_a_row_without_pressure_does_not_prevent_averages():
+    recording = build_recording()
+    pressure = recording.pressure.copy()
+    pressure[700] = np.nan
+    assert choose(replace(recording, pressure=pressure), 500) is not None
+
+
 def test_no_length_is_lost():
     # The second length has a few rows only: the averages do not show it as a level.
     length = np.where(np.arange(1000) < 980, 0.2, 0.19)
@@ -74,7 +81,7 @@ def problems():
     case = replace(case, recording=recording)
     problem = build_library_problem(case)
     averages = RowAverages.from_recording(problem.case.recording, find_blocks(case.recording).label, 3)
-    return problem, average_rows(problem, averages), averages
+    return problem, average_rows(problem, averages, estimate_correlations(problem)), averages
 
 
 @pytest.mark.slow

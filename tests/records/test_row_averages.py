@@ -1,11 +1,14 @@
 """Averages of neighbouring rows: groups, means, and the noise of the means."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.records.recording import Recording
 from pamjax.records.row_averages import RowAverages
+from pamjax.records.simulate import draw_ar1_noise
 
 
 def build_recording(n=900, *, diameter_interval=1, turn=None, pause=None):
@@ -47,11 +50,11 @@ def is_together(averages, row):
     return bool((before & itself).any())
 
 
-@pytest.mark.parametrize("row", [301, 500, 703])
+@pytest.mark.parametrize("row", [301, 501, 703])
 def test_no_group_extends_over_a_turn_a_pause_or_a_block(row):
     label = (np.arange(900) >= 703).astype(int)
     assert is_together(average(build_recording(), 3), row)
-    assert not is_together(average(build_recording(turn=500, pause=301), 3, label), row)
+    assert not is_together(average(build_recording(turn=501, pause=301), 3, label), row)
 
 
 @pytest.mark.parametrize("size", [3, 5, 7])
@@ -70,11 +73,11 @@ def test_a_channel_that_is_read_rarely_keeps_its_time(interval, size):
 def test_the_noise_of_means_is_that_of_white_noise():
     recording, sensors = build_recording(3000, diameter_interval=2), Sensors(force=2.0, diameter=1e-5)
     averages = average(recording, 5)
-    scaled = averages.scale_sensors(sensors)
+    scaled = averages.scale_sensors(sensors, {})
     rng = np.random.default_rng(3)
     noise = averages.average(2.0 * rng.standard_normal(3000))
     assert scaled.force == pytest.approx(2.0 / np.sqrt(5))
-    ratios = averages.compute_row_noise_ratios(recording.force)
+    ratios = averages.compute_row_noise_ratios("force", {})
     assert np.std(noise / ratios) == pytest.approx(scaled.force, rel=0.1)
     assert ratios.max() == pytest.approx(np.sqrt(5))
     assert scaled.diameter == pytest.approx(1e-5 / np.sqrt(2.5), rel=0.15)
@@ -83,7 +86,7 @@ def test_the_noise_of_means_is_that_of_white_noise():
 
 def test_a_length_error_per_level_is_not_reduced():
     sensors = Sensors(length=1e-4, length_per_level=True)
-    assert average(build_recording(), 5).scale_sensors(sensors).length == 1e-4
+    assert average(build_recording(), 5).scale_sensors(sensors, {}).length == 1e-4
 
 
 def test_means_omit_values_that_were_not_measured():
@@ -96,3 +99,60 @@ def test_means_omit_values_that_were_not_measured():
     assert np.isfinite(mean[group])
     assert mean[group] == pytest.approx(10.0 + 0.1 * averages.mean_time[group])
     assert np.isnan(mean[averages.group[302:318]]).all()
+
+
+@pytest.mark.parametrize("interval", [2, 5])
+@pytest.mark.parametrize("size", [3, 7, 21])
+def test_the_noise_of_a_channel_that_is_read_rarely_is_the_stated_one(size, interval):
+    recording, sensors = build_recording(12000, diameter_interval=interval), Sensors(diameter=1e-5)
+    averages = average(recording, size)
+    noise = np.where(np.isfinite(recording.diameter), np.random.default_rng(5).standard_normal(12000), np.nan)
+    sd = averages.scale_sensors(sensors, {}).diameter * averages.compute_row_noise_ratios("diameter", {})
+    assert np.nanstd(1e-5 * averages.average(noise) / sd) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("size", [3, 11])
+@pytest.mark.parametrize("correlation", [0.5, 0.9])
+def test_correlated_noise_decreases_less(size, correlation):
+    recording, sensors = build_recording(20000), Sensors(force=2.0)
+    averages = average(recording, size)
+    noise = averages.average(2.0 * draw_ar1_noise(np.random.default_rng(7), 20000, correlation))
+    scaled = averages.scale_sensors(sensors, {"force": correlation})
+    assert np.std(noise) == pytest.approx(scaled.force, rel=0.1)
+    assert scaled.force > 1.3 * averages.scale_sensors(sensors, {}).force
+
+
+def test_equal_readings_have_exactly_that_mean():
+    recording = build_recording()
+    means = average(recording, 7).average(np.full(900, 500.1))
+    np.testing.assert_array_equal(means, 500.1)
+
+
+def test_parts_of_the_recording_remain():
+    recording = build_recording(60000, pause=20000)
+    averaged = average(recording, 21).averaged_recording
+    assert averaged.is_run_start.sum() == recording.is_run_start.sum() == 2
+
+
+@pytest.mark.parametrize("noise", [0.0, 500.0])
+@pytest.mark.parametrize("period", [200.0, 2000.0])
+def test_fast_strokes_have_smaller_groups(period, noise):
+    row = np.arange(20000.0)
+    pressure = 3e5 * (1 + np.sin(2 * np.pi * row / period)) + noise * np.sin(1e3 * row**2)
+    recording = Recording.from_arrays(
+        pressure=pressure, length=np.full(20000, 0.2), force=1e-3 * pressure, time=0.01 * row
+    )
+    averages = average(recording, 7)
+    change = 3e5 * 2 * np.pi / period * np.bincount(averages.group).max()
+    assert averages.centres.size <= 2 * 20000 / 7 or change < 0.3 * 6e5
+    assert averages.centres.size < 0.6 * 20000
+
+
+def test_one_row_without_pressure_ends_no_part():
+    recording = build_recording()
+    pressure = recording.pressure.copy()
+    pressure[450] = np.nan
+    label = np.where(np.isfinite(pressure), 0, -1)
+    averages = RowAverages.from_recording(replace(recording, pressure=pressure), label, 3)
+    assert averages.part[-1] == 0
+    assert np.isfinite(averages.averaged_recording.pressure).sum() == averages.centres.size - 1

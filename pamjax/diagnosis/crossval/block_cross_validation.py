@@ -102,7 +102,7 @@ class BlockCrossValidation:
             expected_excesses < [left_out_noise.size for _, left_out_noise in self.noise_splits]
         )
         size = np.array([left_out_noise.size for _, left_out_noise in self.noise_splits])[informed_blocks]
-        samples = size.sum() * self.fit.noise.samples_per_row
+        samples = np.array([noise.sample_count for _, noise in self.noise_splits])[informed_blocks].sum()
         excess = np.array([block_fit.unexpected_excess for block_fit in self.block_fits])[informed_blocks]
         expected_excess = expected_excesses[informed_blocks]
         # Upper limit: the whole parameter uncertainty of a block acts in one direction.

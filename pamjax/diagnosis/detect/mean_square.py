@@ -52,7 +52,8 @@ def compute_mean_square_significance(
             _compute_z_scores(mean, channel, standardised.size, variance_error, *assumed_noise)[0]
         )
         if z_score > largest_z:
-            mean_square, largest_z = mean, z_score
+            # Means have less noise than a sample, to which the limits of a residual refer.
+            mean_square, largest_z = 1 + (mean - 1) / noise.samples_per_row[c], z_score
         if channel.is_stated:
             p_value = _compute_p_value(mean, channel, standardised.size, variance_error)
             smallest_p = min(smallest_p, p_value)

@@ -107,8 +107,6 @@ def compute_significance(
         mean_square_p / problem.settings.mean_square_level_share,
         1.0,
     )
-    # Means of samples have less noise than a sample, to which the limits of a residual refer.
-    mean_square = 1 + (mean_square - 1) / noise.samples_per_row
     return ResidualTest(float(max(p_value, 1e-300)), largest, len(directions), mean_square)
 
 

@@ -31,6 +31,7 @@ from pamjax.model.registry import MECHANISMS
 from pamjax.records.case import Case
 from pamjax.records.fixed_length import average_fixed_lengths
 from pamjax.records.row_averages import RowAverages
+from pamjax.records.turns import find_turns
 
 #: Rows of the shortest compiled program. Longer ones have 2, 4, 8, ... times as many: balances of padding are
 #: not computed, and recordings of different lengths share a program.
@@ -67,7 +68,8 @@ class LibraryProblem(LibraryParameters):
         dataset: arrays for the compiled program with all mechanisms.
         measured: (2, n) measured force (N) and diameter (m); NaN where no sample is compared.
         row_noise_ratios: (2, n) noise of a row relative to a typical one; not 1 for means of few samples.
-        samples_per_row: mean number of samples of which a row is the mean.
+        samples_per_row: by channel, mean number of samples of which a row is the mean.
+        is_turn: (n,) whether an input changes its speed at a row.
         settings: thresholds of the diagnosis.
         evaluations: cached results at recent parameter values.
     """
@@ -77,7 +79,8 @@ class LibraryProblem(LibraryParameters):
     dataset: Dataset
     measured: np.ndarray
     row_noise_ratios: np.ndarray
-    samples_per_row: float
+    samples_per_row: tuple[float, float]
+    is_turn: np.ndarray
     settings: DiagnosisSettings = DEFAULT_SETTINGS
     evaluations: EvaluationCache = field(default_factory=EvaluationCache, init=False, repr=False)
 
@@ -279,20 +282,24 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
         dataset=_build_dataset(case, law, mechanism_ids, parameters),
         measured=measured,
         row_noise_ratios=np.ones_like(measured),
-        samples_per_row=1.0,
+        samples_per_row=(1.0, 1.0),
+        is_turn=find_turns(case.recording),
         settings=settings,
     )
 
 
-def average_rows(problem: LibraryProblem, averages: RowAverages) -> LibraryProblem:
+def average_rows(
+    problem: LibraryProblem, averages: RowAverages, correlations: Mapping[str, float]
+) -> LibraryProblem:
     """Return the problem of averages of neighbouring rows, with the same parameters.
 
     Args:
         problem: the recording and the library.
         averages: the groups of rows.
+        correlations: by channel, the correlation of the noise of neighbouring samples.
     """
     recording, muscle_toml = averages.averaged_recording, problem.case.muscle_toml
-    sensors = averages.scale_sensors(muscle_toml.sensors)
+    sensors = averages.scale_sensors(muscle_toml.sensors, correlations)
     case = dataclasses.replace(
         problem.case, recording=recording, muscle_toml=dataclasses.replace(muscle_toml, sensors=sensors)
     )
@@ -309,10 +316,9 @@ def average_rows(problem: LibraryProblem, averages: RowAverages) -> LibraryProbl
             case, problem.law, problem.dataset.mechanisms, problem, averages.part[averages.centres]
         ),
         measured=measured,
-        row_noise_ratios=np.stack(
-            [averages.compute_row_noise_ratios(getattr(original, name)) for name in names]
-        ),
-        samples_per_row=float(np.isfinite(problem.measured).sum() / np.isfinite(measured).sum()),
+        row_noise_ratios=np.stack([averages.compute_row_noise_ratios(name, correlations) for name in names]),
+        samples_per_row=tuple(averages.count_samples_per_row(name) for name in names),
+        is_turn=averages.is_turn[averages.centres],
     )
 
 

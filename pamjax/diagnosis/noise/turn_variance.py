@@ -21,7 +21,6 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.model.history import RATE_HALF_WIDTH
 from pamjax.model.mechanism import AbstractSensor
 from pamjax.model.registry import MECHANISMS
-from pamjax.records.turns import find_turns
 
 #: The problem with the rates before and after each turn; empty without turns. Each caches its evaluations.
 _one_sided_problems: WeakKeyDictionary[LibraryProblem, list[LibraryProblem]] = WeakKeyDictionary()
@@ -48,7 +47,7 @@ def estimate_turn_variance(problem: LibraryProblem, values: np.ndarray) -> np.nd
     has_mixing_sensor = np.array([name.partition(".")[0] in _MIXING_SENSORS for name in problem.names])
     values = np.where(has_mixing_sensor, problem.neutral, values)
     before, after = (each.predict(values) for each in _one_sided_problems[problem])
-    return np.where(find_turns(problem.case.recording), (before - after) ** 2 / 4, 0.0)
+    return np.where(problem.is_turn, (before - after) ** 2 / 4, 0.0)
 
 
 def clear_one_sided_problems(problem: LibraryProblem) -> None:
@@ -58,7 +57,7 @@ def clear_one_sided_problems(problem: LibraryProblem) -> None:
 
 def _build_one_sided_problems(problem: LibraryProblem) -> list[LibraryProblem]:
     recording, history = problem.case.recording, problem.dataset.history
-    turns = np.flatnonzero(find_turns(recording))
+    turns = np.flatnonzero(problem.is_turn)
     if recording.time is None or not turns.size:
         return []
     step = np.diff(recording.time)

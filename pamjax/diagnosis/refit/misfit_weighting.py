@@ -25,6 +25,7 @@ from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model, get_free_indices
 from pamjax.infer.noise.autocorrelation import estimate_autocorrelation_time
+from pamjax.infer.noise.noise_model import NoiseModel
 
 
 def fit_with_misfit_weight(
@@ -42,14 +43,14 @@ def fit_with_misfit_weight(
     """
     noise = estimate_noise(problem, values, training_mask, problem.settings.max_noise_ratio)
     residual = np.nan_to_num(noise.whiten(problem.measured - problem.predict(values)), nan=1e3)
-    if not _has_misfit(problem, residual):
+    if not _has_misfit(problem, noise, residual):
         return fit_model(problem, training_mask, mechanisms, values)
     noise = dataclasses.replace(noise, weight=_compute_weight(residual, noise.is_run_start))
     free = get_free_indices(problem, mechanisms)
     fit = reweight_by_misfit(
         problem, ModelFit(tuple(mechanisms), noise, fit_parameters(problem, noise, free, values))
     )
-    if not _has_misfit(problem, fit.estimate.residual / fit.noise.weight):
+    if not _has_misfit(problem, fit.noise, fit.estimate.residual / fit.noise.weight):
         # The misfit was only at the starting values.
         return fit_model(problem, training_mask, mechanisms, fit.estimate.values)
     return fit
@@ -64,7 +65,7 @@ def reweight_by_misfit(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
     """
     for _ in range(problem.settings.misfit_weighting_rounds):
         residual = fit.estimate.residual / fit.noise.weight
-        if not _has_misfit(problem, residual):
+        if not _has_misfit(problem, fit.noise, residual):
             return fit
         noise = dataclasses.replace(fit.noise, weight=_compute_weight(residual, fit.noise.is_run_start))
         fit = ModelFit(
@@ -73,9 +74,9 @@ def reweight_by_misfit(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
     return fit
 
 
-def _has_misfit(problem: LibraryProblem, residual: np.ndarray) -> bool:
+def _has_misfit(problem: LibraryProblem, noise: NoiseModel, residual: np.ndarray) -> bool:
     """Return whether the residual of one sample has a mean square above the limit."""
-    excess = (_compute_mean_square(residual) - 1) / problem.samples_per_row
+    excess = (_compute_mean_square(residual) - 1) * noise.size / max(noise.sample_count, 1.0)
     return 1 + excess >= problem.settings.min_misfit_mean_square
 
 

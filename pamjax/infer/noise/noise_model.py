@@ -23,14 +23,14 @@ class NoiseModel:
         rows: by channel, the rows in use, in order.
         runs: by channel, (k, 2) begin and end of the continuous runs in `rows`.
         weight: factor on all whitened values; below one for a model with systematic misfit.
-        samples_per_row: mean number of samples of which a row is the mean; 1 for the samples themselves.
+        samples_per_row: by channel, mean number of samples of which a row is the mean.
     """
 
     by_channel: tuple[Ar1Noise | None, ...]
     rows: tuple[np.ndarray, ...]
     runs: tuple[np.ndarray, ...]
     weight: float = 1.0
-    samples_per_row: float = 1.0
+    samples_per_row: tuple[float, float] = (1.0, 1.0)
 
     @property
     def size(self) -> int:
@@ -40,7 +40,7 @@ class NoiseModel:
     @property
     def sample_count(self) -> float:
         """Return the number of samples in use."""
-        return self.size * self.samples_per_row
+        return sum(rows.size * count for rows, count in zip(self.rows, self.samples_per_row, strict=True))
 
     @property
     def log_determinant(self) -> float:

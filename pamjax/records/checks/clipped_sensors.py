@@ -9,6 +9,8 @@ Neglects: clipped readings in fewer than five successive rows, and a clipped zer
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
@@ -32,18 +34,19 @@ _MIN_SECOND_DIFFERENCES = 20
 _MEDIAN_SECOND_DIFFERENCE = 0.6745 * np.sqrt(6)
 
 
-def find_clipped_sensors(recording: Recording, file: str) -> list[str]:
+def find_clipped_sensors(recording: Recording, file: str, skipped: Collection[str] = ()) -> list[str]:
     """Return one warning for each channel whose readings end at a limit.
 
     Args:
         recording: the recording, SI.
         file: name of the CSV file.
+        skipped: channels that are not checked.
     """
     sentences = []
     for name in ("force", "pressure", "diameter", "length"):
         values = getattr(recording, name)
         is_set = name == "force" and recording.measures_length
-        if is_set or not np.isfinite(values).any():
+        if is_set or name in skipped or not np.isfinite(values).any():
             continue
         for word, limit in (("largest", np.nanmax(values)), ("smallest", np.nanmin(values))):
             rows = _find_clipped_run(recording, name, float(limit))
