@@ -157,6 +157,18 @@ class RowAverages:
         ratios = _compute_mean_noise(self._count(name), correlations.get(name, 0.0))
         return ratios / self._compute_noise_ratio(name, correlations)
 
+    def compute_correlation(self, name: str, correlations: Mapping[str, float]) -> float:
+        """Return the correlation of the noise of neighbouring means in typical groups of a channel.
+
+        Arguments as in `scale_sensors`.
+        """
+        counts, rho = self._count(name), correlations.get(name, 0.0)
+        if rho == 0 or not counts.any():
+            return 0.0
+        typical = np.median(counts[counts > 0])
+        covariance = rho * ((1 - rho**typical) / ((1 - rho) * typical)) ** 2
+        return float(covariance / _compute_mean_noise(np.array([typical]), rho)[0] ** 2)
+
     def count_samples_per_row(self, name: str) -> float:
         """Return the mean number of a channel's samples in the groups that have some; 1 without samples."""
         counts = self._count(name)

@@ -156,3 +156,13 @@ def test_one_row_without_pressure_ends_no_part():
     averages = RowAverages.from_recording(replace(recording, pressure=pressure), label, 3)
     assert averages.part[-1] == 0
     assert np.isfinite(averages.averaged_recording.pressure).sum() == averages.centres.size - 1
+
+
+@pytest.mark.parametrize("size", [3, 11])
+@pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9])
+def test_neighbouring_means_have_the_computed_correlation(size, correlation):
+    recording = build_recording(60000)
+    averages = average(recording, size)
+    noise = averages.average(draw_ar1_noise(np.random.default_rng(11), 60000, correlation))[30:-1]
+    expected = averages.compute_correlation("force", {"force": correlation})
+    assert np.corrcoef(noise[1:], noise[:-1])[0, 1] == pytest.approx(expected, abs=0.04)

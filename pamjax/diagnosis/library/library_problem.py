@@ -69,6 +69,7 @@ class LibraryProblem(LibraryParameters):
         measured: (2, n) measured force (N) and diameter (m); NaN where no sample is compared.
         row_noise_ratios: (2, n) noise of a row relative to a typical one; not 1 for means of few samples.
         samples_per_row: by channel, mean number of samples of which a row is the mean.
+        row_correlations: by channel, correlation of the noise of neighbouring means; 0 if not known.
         is_turn: (n,) whether an input changes its speed at a row.
         settings: thresholds of the diagnosis.
         evaluations: cached results at recent parameter values.
@@ -80,6 +81,7 @@ class LibraryProblem(LibraryParameters):
     measured: np.ndarray
     row_noise_ratios: np.ndarray
     samples_per_row: tuple[float, float]
+    row_correlations: tuple[float, float]
     is_turn: np.ndarray
     settings: DiagnosisSettings = DEFAULT_SETTINGS
     evaluations: EvaluationCache = field(default_factory=EvaluationCache, init=False, repr=False)
@@ -283,6 +285,7 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
         measured=measured,
         row_noise_ratios=np.ones_like(measured),
         samples_per_row=(1.0, 1.0),
+        row_correlations=(0.0, 0.0),
         is_turn=find_turns(case.recording),
         settings=settings,
     )
@@ -318,6 +321,7 @@ def average_rows(
         measured=measured,
         row_noise_ratios=np.stack([averages.compute_row_noise_ratios(name, correlations) for name in names]),
         samples_per_row=tuple(averages.count_samples_per_row(name) for name in names),
+        row_correlations=tuple(averages.compute_correlation(name, correlations) for name in names),
         is_turn=averages.is_turn[averages.centres],
     )
 

@@ -40,9 +40,24 @@ def estimate_noise(
         settings=problem.settings,
         max_noise_ratio=max_noise_ratio,
     )
-    noise = replace(noise.scale_rows(problem.row_noise_ratios), samples_per_row=problem.samples_per_row)
+    noise = _complete_noise(problem, noise)
     turn_variance = estimate_turn_variance(problem, values)
     return noise if turn_variance is None else noise.add_row_variance(turn_variance)
+
+
+def _complete_noise(problem: LibraryProblem, noise: NoiseModel) -> NoiseModel:
+    """Return the noise of each row, with the known correlations of means.
+
+    A large misfit changes from mean to mean, and hides the correlation of the noise.
+    """
+    by_channel = tuple(
+        replace(channel, correlation=max(channel.correlation, known))
+        if channel is not None and channel.sensor_posterior is None
+        else channel
+        for channel, known in zip(noise.by_channel, problem.row_correlations, strict=True)
+    )
+    noise = replace(noise, by_channel=by_channel, samples_per_row=problem.samples_per_row)
+    return noise.scale_rows(problem.row_noise_ratios)
 
 
 def predict_dataset(problem: LibraryProblem, dataset: Dataset, values: np.ndarray) -> np.ndarray:
