@@ -14,15 +14,11 @@ from pamjax.errors import BadInput
 _TRIALS_START, _REPORT_PART, _TABLE_ARRAY = '{"stage": "', '<p class="kicker">', "error_force.npy"
 
 
-#: Files whose content shows whether pamjax wrote them.
-_MARKED_SUFFIXES = (".json", ".jsonl", ".html", ".npz")
-
-
 def check_replaceable(folder: Path, names: Sequence[str], label: str = "`--out`") -> None:
     """Refuse an output folder in which a command would replace a file that pamjax did not write.
 
-    Call it before the computation. Figures and tables have no mark of pamjax. If the folder has the first
-    file as pamjax writes it, they are from an earlier run.
+    Call it before the computation. If the folder has the first file as pamjax writes it, figures and tables
+    are from an earlier run. A page shows itself whether pamjax wrote it.
 
     Args:
         folder: the output folder, which need not exist.
@@ -34,7 +30,7 @@ def check_replaceable(folder: Path, names: Sequence[str], label: str = "`--out`"
     """
     has_results = _is_own(folder / names[0])
     for file in (folder / name for name in names):
-        if has_results and file.suffix not in _MARKED_SUFFIXES:
+        if has_results and file.suffix != ".html":
             continue
         if file.exists() and not _is_own(file):
             rule = "a command must replace only files that pamjax wrote"

@@ -37,7 +37,7 @@ _MAX_GROUP_RATIO = 2.0
 _MAX_NOISE_CHANGE = 6.0
 
 #: Median of the absolute second difference of white noise with a standard deviation of 1.
-_MEDIAN_SECOND_DIFFERENCE = 0.6745 * np.sqrt(6)
+_SECOND_DIFFERENCE_OF_NOISE = 0.6745 * np.sqrt(6)
 
 #: Rows of a part are not averaged until an input has changed by this share of its range: at least the first
 #: number of rows, and at most the second.
@@ -289,7 +289,7 @@ def _find_fast_rows(recording: Recording, starts: np.ndarray, share: float) -> n
     is_fast = np.zeros(first_rows.size, dtype=bool)
     for values in (recording.pressure, recording.length):
         second_difference = np.abs(np.diff(values, 2))
-        noise = np.nanmedian(second_difference) / _MEDIAN_SECOND_DIFFERENCE
+        noise = np.nanmedian(second_difference) / _SECOND_DIFFERENCE_OF_NOISE
         limit = max(share * _compute_range(values), _MAX_NOISE_CHANGE * noise)
         is_fast |= np.abs(values[last_rows] - values[first_rows]) > limit
     return is_fast[group]
