@@ -308,7 +308,9 @@ def format_quantity(value: float, unit: str, digits: int = 4) -> str:
 
 
 def format_number(value: float, digits: int) -> str:
-    """Return a number with significant digits; an exponent from a million on, or below a ten-thousandth.
+    """Return a number with significant digits.
+
+    A power of ten is written below a ten-thousandth, and from a million on if zeros would follow the digits.
 
     >>> format_number(123.4, 2), format_number(3.7045e9, 3), format_number(0.0012, 2)
     ('120', '3.7e9', '0.0012')

@@ -52,6 +52,9 @@ class DiagnosedRows:
         averages = choose_search_rows(problem.case.recording, blocks.label, settings.max_search_rows)
         if averages is None:
             return cls(problem, blocks, training_mask, problem, length, np.arange(problem.n))
+        # Both programs compile while the correlations are estimated: they do not depend on these.
+        for each in (average_rows(problem, averages, {}), problem):
+            each.start_compilation()
         search_problem = average_rows(problem, averages, estimate_correlations(problem))
         search_length = averages.average(length)
         return cls(problem, blocks, training_mask, search_problem, search_length, averages.centres)

@@ -30,7 +30,7 @@ def format_value(value: float, sd: float | None, unit: str) -> str:
 
 def format_sd(sd: float, unit: str) -> str:
     """Return a standard deviation in its display unit as text with two digits."""
-    return f"{format_number(sd, 2)}" if unit == "1" else f"{format_number(sd, 2)} {unit}"
+    return format_number(sd, 2) if unit == "1" else f"{format_number(sd, 2)} {unit}"
 
 
 def list_findings(answers: FleetAnswers) -> list[str]:

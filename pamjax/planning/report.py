@@ -55,7 +55,7 @@ def _format_rig(capabilities: RigCapabilities) -> str:
 
 def format_loads(capabilities: RigCapabilities) -> str:
     """Return the set forces of an isotonic rig."""
-    return ", ".join(f"{format_number(load, 3)}" for load in capabilities.loads) + " N"
+    return ", ".join(format_number(load, 3) for load in capabilities.loads) + " N"
 
 
 def format_misfit(plan: Plan) -> str:

@@ -23,6 +23,7 @@ from itertools import pairwise
 import numpy as np
 
 from pamjax.records.reading.muscle_toml import Sensors
+from pamjax.records.reading_noise import estimate_reading_noise
 from pamjax.records.recording import Recording
 from pamjax.records.turns import find_turns
 
@@ -36,12 +37,24 @@ _MAX_GROUP_RATIO = 2.0
 #: Change within a group that noise explains, sd of the noise.
 _MAX_NOISE_CHANGE = 6.0
 
-#: Median of the absolute second difference of white noise with a standard deviation of 1.
-_SECOND_DIFFERENCE_OF_NOISE = 0.6745 * np.sqrt(6)
-
 #: Rows of a part are not averaged until an input has changed by this share of its range: at least the first
 #: number of rows, and at most the second.
 _MIN_START_SHARE, _START_ROWS = 0.05, (5, 20)
+
+
+@dataclass(frozen=True, eq=False)
+class MeanNoise:
+    """Noise of the means of a channel.
+
+    Attributes:
+        ratios: (k,) noise of each mean relative to a typical one; more for a mean of few samples.
+        samples_per_row: mean number of samples in a mean.
+        correlation: correlation of the noise of neighbouring means.
+    """
+
+    ratios: np.ndarray
+    samples_per_row: float
+    correlation: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,48 +153,35 @@ class RowAverages:
             correlations: correlation of neighbouring samples of some channels; others have white noise.
         """
         names = ["pressure", "force", "diameter", *([] if sensors.length_per_level else ["length"])]
-        return replace(
-            sensors,
-            **{
-                name: sd * self._compute_noise_ratio(name, correlations)
-                for name in names
-                if (sd := getattr(sensors, name)) is not None
-            },
-        )
+        scaled = {}
+        for name in names:
+            sd, typical = getattr(sensors, name), np.array([self._find_typical_count(name)])
+            if sd is not None:
+                scaled[name] = sd * float(_compute_noise_ratios(typical, correlations.get(name, 0.0))[0])
+        return replace(sensors, **scaled)
 
-    def compute_row_noise_ratios(self, name: str, correlations: Mapping[str, float]) -> np.ndarray:
-        """Return the noise of a channel's means relative to a typical group, (k,); 1 without samples.
-
-        Arguments as in `scale_sensors`.
-        """
-        ratios = _compute_mean_noise(self._count(name), correlations.get(name, 0.0))
-        return ratios / self._compute_noise_ratio(name, correlations)
-
-    def compute_correlation(self, name: str, correlations: Mapping[str, float]) -> float:
-        """Return the correlation of the noise of neighbouring means in typical groups of a channel.
+    def compute_mean_noise(self, name: str, correlations: Mapping[str, float]) -> MeanNoise:
+        """Return the noise of a channel's means, relative to a typical group.
 
         Arguments as in `scale_sensors`.
         """
         counts, rho = self._count(name), correlations.get(name, 0.0)
-        if rho == 0 or not counts.any():
-            return 0.0
-        typical = np.median(counts[counts > 0])
+        typical = self._find_typical_count(name)
+        typical_noise = _compute_noise_ratios(np.array([typical]), rho)[0]
         covariance = rho * ((1 - rho**typical) / ((1 - rho) * typical)) ** 2
-        return float(covariance / _compute_mean_noise(np.array([typical]), rho)[0] ** 2)
-
-    def count_samples_per_row(self, name: str) -> float:
-        """Return the mean number of a channel's samples in the groups that have some; 1 without samples."""
-        counts = self._count(name)
-        return float(counts[counts > 0].mean()) if counts.any() else 1.0
+        return MeanNoise(
+            _compute_noise_ratios(counts, rho) / typical_noise,
+            float(counts[counts > 0].mean()) if counts.any() else 1.0,
+            float(covariance / typical_noise**2),
+        )
 
     def _count(self, name: str) -> np.ndarray:
         return self.sum(np.isfinite(getattr(self.recording, name)))
 
-    def _compute_noise_ratio(self, name: str, correlations: Mapping[str, float]) -> float:
-        """Return the ratio of the noise of a mean in a typical group and of a sample."""
+    def _find_typical_count(self, name: str) -> float:
+        """Return the median number of a channel's samples in the groups that have some; 1 without samples."""
         counts = self._count(name)
-        typical = np.median(counts[counts > 0]) if counts.any() else 1
-        return float(_compute_mean_noise(np.array([typical]), correlations.get(name, 0.0))[0])
+        return float(np.median(counts[counts > 0])) if counts.any() else 1.0
 
     def _move_to_mean_time(self, mean: np.ndarray, is_measured: np.ndarray) -> np.ndarray:
         """Return means, (k,), moved from the mean time of their samples to that of their group."""
@@ -199,7 +199,7 @@ class RowAverages:
         return moved
 
 
-def _compute_mean_noise(counts: np.ndarray, correlation: float) -> np.ndarray:
+def _compute_noise_ratios(counts: np.ndarray, correlation: float) -> np.ndarray:
     """Return the noise of means of some samples relative to one sample, (k,); 1 without samples."""
     out = np.ones(counts.shape)
     for count in np.unique(counts[counts > 0]):
@@ -288,9 +288,8 @@ def _find_fast_rows(recording: Recording, starts: np.ndarray, share: float) -> n
     last_rows = np.append(first_rows[1:], starts.size) - 1
     is_fast = np.zeros(first_rows.size, dtype=bool)
     for values in (recording.pressure, recording.length):
-        second_difference = np.abs(np.diff(values, 2))
-        noise = np.nanmedian(second_difference) / _SECOND_DIFFERENCE_OF_NOISE
-        limit = max(share * _compute_range(values), _MAX_NOISE_CHANGE * noise)
+        noise = estimate_reading_noise(np.diff(values, 2))
+        limit = np.fmax(share * _compute_range(values), _MAX_NOISE_CHANGE * noise)
         is_fast |= np.abs(values[last_rows] - values[first_rows]) > limit
     return is_fast[group]
 

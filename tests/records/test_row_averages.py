@@ -77,7 +77,7 @@ def test_the_noise_of_means_is_that_of_white_noise():
     rng = np.random.default_rng(3)
     noise = averages.average(2.0 * rng.standard_normal(3000))
     assert scaled.force == pytest.approx(2.0 / np.sqrt(5))
-    ratios = averages.compute_row_noise_ratios("force", {})
+    ratios = averages.compute_mean_noise("force", {}).ratios
     assert np.std(noise / ratios) == pytest.approx(scaled.force, rel=0.1)
     assert ratios.max() == pytest.approx(np.sqrt(5))
     assert scaled.diameter == pytest.approx(1e-5 / np.sqrt(2.5), rel=0.15)
@@ -107,7 +107,7 @@ def test_the_noise_of_a_channel_that_is_read_rarely_is_the_stated_one(size, inte
     recording, sensors = build_recording(12000, diameter_interval=interval), Sensors(diameter=1e-5)
     averages = average(recording, size)
     noise = np.where(np.isfinite(recording.diameter), np.random.default_rng(5).standard_normal(12000), np.nan)
-    sd = averages.scale_sensors(sensors, {}).diameter * averages.compute_row_noise_ratios("diameter", {})
+    sd = averages.scale_sensors(sensors, {}).diameter * averages.compute_mean_noise("diameter", {}).ratios
     assert np.nanstd(1e-5 * averages.average(noise) / sd) == pytest.approx(1.0, abs=0.1)
 
 
@@ -164,5 +164,5 @@ def test_neighbouring_means_have_the_computed_correlation(size, correlation):
     recording = build_recording(60000)
     averages = average(recording, size)
     noise = averages.average(draw_ar1_noise(np.random.default_rng(11), 60000, correlation))[30:-1]
-    expected = averages.compute_correlation("force", {"force": correlation})
+    expected = averages.compute_mean_noise("force", {"force": correlation}).correlation
     assert np.corrcoef(noise[1:], noise[:-1])[0, 1] == pytest.approx(expected, abs=0.04)

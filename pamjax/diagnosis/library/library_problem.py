@@ -30,7 +30,7 @@ from pamjax.model.bench import HISTORY_DEPENDENT
 from pamjax.model.registry import MECHANISMS
 from pamjax.records.case import Case
 from pamjax.records.fixed_length import average_fixed_lengths
-from pamjax.records.row_averages import RowAverages
+from pamjax.records.row_averages import MeanNoise, RowAverages
 from pamjax.records.turns import find_turns
 
 #: Rows of the shortest compiled program. Longer ones have 2, 4, 8, ... times as many: balances of padding are
@@ -67,9 +67,7 @@ class LibraryProblem(LibraryParameters):
         law: thread law of the baseline, "inelastic" or "elastic".
         dataset: arrays for the compiled program with all mechanisms.
         measured: (2, n) measured force (N) and diameter (m); NaN where no sample is compared.
-        row_noise_ratios: (2, n) noise of a row relative to a typical one; not 1 for means of few samples.
-        samples_per_row: by channel, mean number of samples of which a row is the mean.
-        row_correlations: by channel, correlation of the noise of neighbouring means; 0 if not known.
+        mean_noise: by channel, noise of the rows that are means of samples; None for the samples themselves.
         is_turn: (n,) whether an input changes its speed at a row.
         settings: thresholds of the diagnosis.
         evaluations: cached results at recent parameter values.
@@ -79,9 +77,7 @@ class LibraryProblem(LibraryParameters):
     law: str
     dataset: Dataset
     measured: np.ndarray
-    row_noise_ratios: np.ndarray
-    samples_per_row: tuple[float, float]
-    row_correlations: tuple[float, float]
+    mean_noise: tuple[MeanNoise, ...] | None
     is_turn: np.ndarray
     settings: DiagnosisSettings = DEFAULT_SETTINGS
     evaluations: EvaluationCache = field(default_factory=EvaluationCache, init=False, repr=False)
@@ -276,16 +272,13 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
     law = resolve_bench_law(case.muscle_toml.baseline, ())
     mechanism_ids = tuple(kind.id for kind in MECHANISMS)
     parameters = collect_library_parameters(case, law, mechanism_ids, settings)
-    measured = _collect_measurements(case)
     return LibraryProblem(
         **vars(parameters),
         case=case,
         law=law,
         dataset=_build_dataset(case, law, mechanism_ids, parameters),
-        measured=measured,
-        row_noise_ratios=np.ones_like(measured),
-        samples_per_row=(1.0, 1.0),
-        row_correlations=(0.0, 0.0),
+        measured=_collect_measurements(case),
+        mean_noise=None,
         is_turn=find_turns(case.recording),
         settings=settings,
     )
@@ -319,9 +312,7 @@ def average_rows(
             case, problem.law, problem.dataset.mechanisms, problem, averages.part[averages.centres]
         ),
         measured=measured,
-        row_noise_ratios=np.stack([averages.compute_row_noise_ratios(name, correlations) for name in names]),
-        samples_per_row=tuple(averages.count_samples_per_row(name) for name in names),
-        row_correlations=tuple(averages.compute_correlation(name, correlations) for name in names),
+        mean_noise=tuple(averages.compute_mean_noise(name, correlations) for name in names),
         is_turn=averages.is_turn[averages.centres],
     )
 

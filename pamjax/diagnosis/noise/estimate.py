@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from pamjax.infer.noise.estimate import compute_noise_variances, estimate_noise_
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.noise.static_table import TableVariance, estimate_table_variance
 from pamjax.infer.problem.dataset import CHANNELS, Dataset
+from pamjax.records.row_averages import MeanNoise
 
 
 def estimate_noise(
@@ -26,10 +28,13 @@ def estimate_noise(
         training_mask: (n,) whether a row is used in the fit.
         max_noise_ratio: largest plausible ratio of true and stated noise of a sensor; 1 if it is exact.
     """
-    # The noise of a typical row is estimated, and then that of each row.
+    residual = problem.measured - problem.predict(values)
+    if problem.mean_noise is not None:
+        # The noise of a typical mean is estimated, and then that of each mean.
+        residual = residual / np.stack([mean.ratios for mean in problem.mean_noise])
     noise = estimate_noise_model(
         problem.case,
-        (problem.measured - problem.predict(values)) / problem.row_noise_ratios,
+        residual,
         np.isfinite(problem.measured),
         training_mask,
         compute_noise_variances(
@@ -40,24 +45,26 @@ def estimate_noise(
         settings=problem.settings,
         max_noise_ratio=max_noise_ratio,
     )
-    noise = _complete_noise(problem, noise)
+    if problem.mean_noise is not None:
+        noise = _add_mean_noise(noise, problem.mean_noise)
     turn_variance = estimate_turn_variance(problem, values)
     return noise if turn_variance is None else noise.add_row_variance(turn_variance)
 
 
-def _complete_noise(problem: LibraryProblem, noise: NoiseModel) -> NoiseModel:
-    """Return the noise of each row, with the known correlations of means.
+def _add_mean_noise(noise: NoiseModel, mean_noise: Sequence[MeanNoise]) -> NoiseModel:
+    """Return the noise of each mean, with the known correlations.
 
     A large misfit changes from mean to mean, and hides the correlation of the noise.
     """
     by_channel = tuple(
-        replace(channel, correlation=max(channel.correlation, known))
+        replace(channel, correlation=max(channel.correlation, mean.correlation))
         if channel is not None and channel.sensor_posterior is None
         else channel
-        for channel, known in zip(noise.by_channel, problem.row_correlations, strict=True)
+        for channel, mean in zip(noise.by_channel, mean_noise, strict=True)
     )
-    noise = replace(noise, by_channel=by_channel, samples_per_row=problem.samples_per_row)
-    return noise.scale_rows(problem.row_noise_ratios)
+    force, diameter = (mean.samples_per_row for mean in mean_noise)
+    noise = replace(noise, by_channel=by_channel, samples_per_row=(force, diameter))
+    return noise.scale_rows(np.stack([mean.ratios for mean in mean_noise]))
 
 
 def predict_dataset(problem: LibraryProblem, dataset: Dataset, values: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from collections.abc import Collection
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
+from pamjax.records.reading_noise import estimate_reading_noise
 from pamjax.records.recording import Recording
 from pamjax.units import format_count, format_quantity
 
@@ -30,8 +31,6 @@ _MIN_DRIVER_RANGE_SHARE, _MIN_DRIVER_VALUE_SHARE = 0.05, 0.01
 _MIN_SIGN_CHANGES = 0.6
 #: Smallest number of second differences from which the noise is estimated.
 _MIN_SECOND_DIFFERENCES = 20
-#: Median of the absolute second difference of white noise with a standard deviation of 1.
-_MEDIAN_SECOND_DIFFERENCE = 0.6745 * np.sqrt(6)
 
 
 def find_clipped_sensors(recording: Recording, file: str, skipped: Collection[str] = ()) -> list[str]:
@@ -108,7 +107,7 @@ def _has_noise(values: np.ndarray, part: np.ndarray, limit: float) -> bool:
     )
     if is_used.sum() < _MIN_SECOND_DIFFERENCES:
         return False
-    sd = float(np.median(np.abs(second_differences[is_used]))) / _MEDIAN_SECOND_DIFFERENCE
+    sd = estimate_reading_noise(second_differences[is_used])
     steps = np.diff(np.unique(values))
     # The conversion to SI makes different numbers of equal readings.
     last_digit = float(np.min(steps[steps > 1e-9 * np.max(np.abs(values))], initial=np.inf))
