@@ -14,7 +14,6 @@ import numpy as np
 
 from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask
 from pamjax.diagnosis.library.library_problem import LibraryProblem, average_rows, build_library_problem
-from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.noise.input_noise import clear_evaluations
 from pamjax.diagnosis.noise.turn_variance import clear_one_sided_problems
 from pamjax.diagnosis.settings import DiagnosisSettings
@@ -52,11 +51,7 @@ class DiagnosedRows:
         averages = choose_search_rows(problem.case.recording, blocks.label, settings.max_search_rows)
         if averages is None:
             return cls(problem, blocks, training_mask, problem, length, np.arange(problem.n))
-        # Both programs compile while the correlations are estimated: they do not depend on these.
-        for each in (average_rows(problem, averages, {}), problem):
-            each.start_compilation()
-        search_problem = average_rows(problem, averages, estimate_correlations(problem))
-        search_length = averages.average(length)
+        search_problem, search_length = average_rows(problem, averages), averages.average(length)
         return cls(problem, blocks, training_mask, search_problem, search_length, averages.centres)
 
     @property
@@ -96,15 +91,3 @@ def choose_search_rows(recording: Recording, label: np.ndarray, max_rows: int) -
     levels = assign_length_levels(recording)[centres][usable]
     is_same = np.array_equal(assign_length_levels(averaged)[usable], levels)
     return averages if is_same else None
-
-
-def estimate_correlations(problem: LibraryProblem) -> dict[str, float]:
-    """Return the correlation of the noise of neighbouring samples, by channel of the model."""
-    noise = estimate_noise(
-        problem, problem.neutral, np.ones(problem.n, dtype=bool), problem.settings.max_noise_ratio
-    )
-    return {
-        name: max(channel.correlation, 0.0)
-        for name, channel in zip(problem.channels, noise.by_channel, strict=True)
-        if channel is not None
-    }

@@ -2,7 +2,7 @@
 
 A long recording has more samples in each stroke than a model needs. Each group of m neighbouring rows becomes
 one row, the mean of its samples. White noise decreases by √m, so that the averages together are as accurate
-as the samples. AR(1) noise with a correlation ρ decreases by the root of m / (1 + 2 Σ (1 − k/m) ρ^k), k < m.
+as the samples.
 
 A group does not extend over a turn, a pause or the end of a block. Some rows are not averaged: turns, and the
 first rows of each stroke, where friction changes its sign. Where an input changes fast, groups are smaller.
@@ -15,7 +15,7 @@ Neglects: effects that are faster than the interval of the groups.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -40,21 +40,6 @@ _MAX_NOISE_CHANGE = 6.0
 #: Rows of a part are not averaged until an input has changed by this share of its range: at least the first
 #: number of rows, and at most the second.
 _MIN_START_SHARE, _START_ROWS = 0.05, (5, 20)
-
-
-@dataclass(frozen=True, eq=False)
-class MeanNoise:
-    """Noise of the means of a channel.
-
-    Attributes:
-        ratios: (k,) noise of each mean relative to a typical one; more for a mean of few samples.
-        samples_per_row: mean number of samples in a mean.
-        correlation: correlation of the noise of neighbouring means.
-    """
-
-    ratios: np.ndarray
-    samples_per_row: float
-    correlation: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,43 +130,19 @@ class RowAverages:
         averaged = replace(recording.select(self.centres), time=self.mean_time, **inputs, **channels)
         return averaged.mark_run_starts(recording.is_run_start[self.first_rows])
 
-    def scale_sensors(self, sensors: Sensors, correlations: Mapping[str, float]) -> Sensors:
-        """Return the noise of the means in a typical group.
-
-        Args:
-            sensors: noise of the samples.
-            correlations: correlation of neighbouring samples of some channels; others have white noise.
-        """
+    def scale_sensors(self, sensors: Sensors) -> Sensors:
+        """Return the noise of the means in a typical group, if the noise of the samples is white."""
         names = ["pressure", "force", "diameter", *([] if sensors.length_per_level else ["length"])]
         scaled = {}
         for name in names:
-            sd, typical = getattr(sensors, name), np.array([self._find_typical_count(name)])
+            sd = getattr(sensors, name)
             if sd is not None:
-                scaled[name] = sd * float(_compute_noise_ratios(typical, correlations.get(name, 0.0))[0])
+                scaled[name] = sd / math.sqrt(find_typical_count(self.count(name)))
         return replace(sensors, **scaled)
 
-    def compute_mean_noise(self, name: str, correlations: Mapping[str, float]) -> MeanNoise:
-        """Return the noise of a channel's means, relative to a typical group.
-
-        Arguments as in `scale_sensors`.
-        """
-        counts, rho = self._count(name), correlations.get(name, 0.0)
-        typical = self._find_typical_count(name)
-        typical_noise = _compute_noise_ratios(np.array([typical]), rho)[0]
-        covariance = rho * ((1 - rho**typical) / ((1 - rho) * typical)) ** 2
-        return MeanNoise(
-            _compute_noise_ratios(counts, rho) / typical_noise,
-            float(counts[counts > 0].mean()) if counts.any() else 1.0,
-            float(covariance / typical_noise**2),
-        )
-
-    def _count(self, name: str) -> np.ndarray:
+    def count(self, name: str) -> np.ndarray:
+        """Return the number of a channel's samples in each group, (k,)."""
         return self.sum(np.isfinite(getattr(self.recording, name)))
-
-    def _find_typical_count(self, name: str) -> float:
-        """Return the median number of a channel's samples in the groups that have some; 1 without samples."""
-        counts = self._count(name)
-        return float(np.median(counts[counts > 0])) if counts.any() else 1.0
 
     def _move_to_mean_time(self, mean: np.ndarray, is_measured: np.ndarray) -> np.ndarray:
         """Return means, (k,), moved from the mean time of their samples to that of their group."""
@@ -199,14 +160,9 @@ class RowAverages:
         return moved
 
 
-def _compute_noise_ratios(counts: np.ndarray, correlation: float) -> np.ndarray:
-    """Return the noise of means of some samples relative to one sample, (k,); 1 without samples."""
-    out = np.ones(counts.shape)
-    for count in np.unique(counts[counts > 0]):
-        lags = np.arange(1, round(count))
-        variance = (1 + 2 * np.sum((1 - lags / count) * correlation**lags)) / count
-        out[counts == count] = np.sqrt(variance)
-    return out
+def find_typical_count(counts: np.ndarray) -> float:
+    """Return the median number of samples of the groups that have some, from (k,); 1 without samples."""
+    return float(np.median(counts[counts > 0])) if counts.any() else 1.0
 
 
 def _number_parts(recording: Recording, label: np.ndarray, is_turn: np.ndarray) -> np.ndarray:

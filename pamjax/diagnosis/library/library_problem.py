@@ -30,7 +30,7 @@ from pamjax.model.bench import HISTORY_DEPENDENT
 from pamjax.model.registry import MECHANISMS
 from pamjax.records.case import Case
 from pamjax.records.fixed_length import average_fixed_lengths
-from pamjax.records.row_averages import MeanNoise, RowAverages
+from pamjax.records.row_averages import RowAverages
 from pamjax.records.turns import find_turns
 
 #: Rows of the shortest compiled program. Longer ones have 2, 4, 8, ... times as many: balances of padding are
@@ -56,6 +56,19 @@ _MECHANISMS_WITH_MEMORY = {kind.id for kind in MECHANISMS if issubclass(kind, HI
 
 
 @dataclass(frozen=True, eq=False)
+class AveragedSamples:
+    """The samples of a problem whose rows are means.
+
+    Attributes:
+        problem: the problem of the samples, with the same parameters.
+        averages: the groups of neighbouring rows.
+    """
+
+    problem: LibraryProblem
+    averages: RowAverages
+
+
+@dataclass(frozen=True, eq=False)
 class LibraryProblem(LibraryParameters):
     """A recording and the model of all mechanisms, with the prior and the limits of every parameter.
 
@@ -67,7 +80,7 @@ class LibraryProblem(LibraryParameters):
         law: thread law of the baseline, "inelastic" or "elastic".
         dataset: arrays for the compiled program with all mechanisms.
         measured: (2, n) measured force (N) and diameter (m); NaN where no sample is compared.
-        mean_noise: by channel, noise of the rows that are means of samples; None for the samples themselves.
+        samples: the samples of which the rows are means; None if the rows are samples.
         is_turn: (n,) whether an input changes its speed at a row.
         settings: thresholds of the diagnosis.
         evaluations: cached results at recent parameter values.
@@ -77,7 +90,7 @@ class LibraryProblem(LibraryParameters):
     law: str
     dataset: Dataset
     measured: np.ndarray
-    mean_noise: tuple[MeanNoise, ...] | None
+    samples: AveragedSamples | None
     is_turn: np.ndarray
     settings: DiagnosisSettings = DEFAULT_SETTINGS
     evaluations: EvaluationCache = field(default_factory=EvaluationCache, init=False, repr=False)
@@ -278,24 +291,16 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
         law=law,
         dataset=_build_dataset(case, law, mechanism_ids, parameters),
         measured=_collect_measurements(case),
-        mean_noise=None,
+        samples=None,
         is_turn=find_turns(case.recording),
         settings=settings,
     )
 
 
-def average_rows(
-    problem: LibraryProblem, averages: RowAverages, correlations: Mapping[str, float]
-) -> LibraryProblem:
-    """Return the problem of averages of neighbouring rows, with the same parameters.
-
-    Args:
-        problem: the recording and the library.
-        averages: the groups of rows.
-        correlations: by channel, the correlation of the noise of neighbouring samples.
-    """
+def average_rows(problem: LibraryProblem, averages: RowAverages) -> LibraryProblem:
+    """Return the problem of averages of neighbouring rows, with the same parameters."""
     recording, muscle_toml = averages.averaged_recording, problem.case.muscle_toml
-    sensors = averages.scale_sensors(muscle_toml.sensors, correlations)
+    sensors = averages.scale_sensors(muscle_toml.sensors)
     case = dataclasses.replace(
         problem.case, recording=recording, muscle_toml=dataclasses.replace(muscle_toml, sensors=sensors)
     )
@@ -312,7 +317,7 @@ def average_rows(
             case, problem.law, problem.dataset.mechanisms, problem, averages.part[averages.centres]
         ),
         measured=measured,
-        mean_noise=tuple(averages.compute_mean_noise(name, correlations) for name in names),
+        samples=AveragedSamples(problem, averages),
         is_turn=averages.is_turn[averages.centres],
     )
 

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.noise.average_noise import average_noise
 from pamjax.diagnosis.noise.input_noise import propagate_input_noise
 from pamjax.diagnosis.noise.turn_variance import estimate_turn_variance
-from pamjax.infer.noise.estimate import compute_noise_variances, estimate_noise_model
+from pamjax.infer.noise.estimate import compute_noise_variances, estimate_noise_model, number_runs
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.noise.static_table import TableVariance, estimate_table_variance
 from pamjax.infer.problem.dataset import CHANNELS, Dataset
-from pamjax.records.row_averages import MeanNoise
 
 
 def estimate_noise(
@@ -22,19 +21,36 @@ def estimate_noise(
 ) -> NoiseModel:
     """Return the noise model, estimated from the residual at some parameter values.
 
+    The noise of means is computed from that of the samples.
+
     Args:
         problem: the recording and the library.
         values: (p,) parameter values, SI.
         training_mask: (n,) whether a row is used in the fit.
         max_noise_ratio: largest plausible ratio of true and stated noise of a sensor; 1 if it is exact.
     """
-    residual = problem.measured - problem.predict(values)
-    if problem.mean_noise is not None:
-        # The noise of a typical mean is estimated, and then that of each mean.
-        residual = residual / np.stack([mean.ratios for mean in problem.mean_noise])
-    noise = estimate_noise_model(
+    samples = problem.samples
+    if samples is None:
+        noise = _estimate_sample_noise(problem, values, training_mask, max_noise_ratio)
+    else:
+        sample_mask = training_mask[samples.averages.group]
+        noise = average_noise(
+            _estimate_sample_noise(samples.problem, values, sample_mask, max_noise_ratio),
+            samples.averages,
+            problem.channels,
+            np.isfinite(problem.measured) & training_mask,
+            number_runs(problem.case.recording.is_run_start, training_mask),
+        )
+    turn_variance = estimate_turn_variance(problem, values)
+    return noise if turn_variance is None else noise.add_row_variance(turn_variance)
+
+
+def _estimate_sample_noise(
+    problem: LibraryProblem, values: np.ndarray, training_mask: np.ndarray, max_noise_ratio: float
+) -> NoiseModel:
+    return estimate_noise_model(
         problem.case,
-        residual,
+        problem.measured - problem.predict(values),
         np.isfinite(problem.measured),
         training_mask,
         compute_noise_variances(
@@ -45,26 +61,6 @@ def estimate_noise(
         settings=problem.settings,
         max_noise_ratio=max_noise_ratio,
     )
-    if problem.mean_noise is not None:
-        noise = _add_mean_noise(noise, problem.mean_noise)
-    turn_variance = estimate_turn_variance(problem, values)
-    return noise if turn_variance is None else noise.add_row_variance(turn_variance)
-
-
-def _add_mean_noise(noise: NoiseModel, mean_noise: Sequence[MeanNoise]) -> NoiseModel:
-    """Return the noise of each mean, with the known correlations.
-
-    A large misfit changes from mean to mean, and hides the correlation of the noise.
-    """
-    by_channel = tuple(
-        replace(channel, correlation=max(channel.correlation, mean.correlation))
-        if channel is not None and channel.sensor_posterior is None
-        else channel
-        for channel, mean in zip(noise.by_channel, mean_noise, strict=True)
-    )
-    force, diameter = (mean.samples_per_row for mean in mean_noise)
-    noise = replace(noise, by_channel=by_channel, samples_per_row=(force, diameter))
-    return noise.scale_rows(np.stack([mean.ratios for mean in mean_noise]))
 
 
 def predict_dataset(problem: LibraryProblem, dataset: Dataset, values: np.ndarray) -> np.ndarray:

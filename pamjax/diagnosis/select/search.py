@@ -239,8 +239,12 @@ def _list_promising(search: MechanismSearch, directions: Sequence[ScoreDirection
 
 
 def _swap_mechanisms(search: MechanismSearch, fit: ModelFit) -> ModelFit:
-    """Return the fit with rivals in place of earlier mechanisms, where they now fit better."""
-    for k in range(len(fit.mechanisms) - 1):
+    """Return the fit with rivals in place of mechanisms, where they now fit better.
+
+    The last mechanism was chosen with the noise of the model without it. The residual of that model can have
+    a large misfit, which changes its noise.
+    """
+    for k in range(len(fit.mechanisms)):
         reduced_fit = fit_without_mechanism(search.problem, fit, k)
         rivals = fit_replacements(search.problem, reduced_fit, fit.mechanisms[k], search.candidates)
         trials = refit_most_promising(

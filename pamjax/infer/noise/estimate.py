@@ -80,8 +80,7 @@ def estimate_noise_model(
         max_noise_ratio: largest plausible ratio of true and stated noise of a sensor; 1 if it is exact.
     """
     sensor_variance, input_variance = variances
-    # A removed row ends a run: the samples before and after it are not neighbours.
-    run_number = np.cumsum(case.recording.is_run_start | np.diff(training_mask, prepend=training_mask[:1]))
+    run_number = number_runs(case.recording.is_run_start, training_mask)
     sensors = case.muscle_toml.sensors
     is_input_noise_unknown = sensors.pressure is None or (
         sensors.length is None and not sensors.length_per_level and not case.recording.measures_length
@@ -90,12 +89,8 @@ def estimate_noise_model(
     time = case.recording.time
     for c, stated in enumerate(get_stated_sds(case)):
         channel_rows = np.flatnonzero(measured[c] & training_mask)
-        edges = np.flatnonzero(np.diff(run_number[channel_rows])) + 1
-        bounds = np.concatenate([[0], edges, [channel_rows.size]]).astype(int)
         rows.append(channel_rows)
-        runs.append(
-            np.stack([bounds[:-1], bounds[1:]], axis=1) if channel_rows.size else np.zeros((0, 2), int)
-        )
+        runs.append(find_runs(run_number, channel_rows))
         if not channel_rows.size:
             channels.append(None)
             continue
@@ -117,6 +112,23 @@ def estimate_noise_model(
             )
         )
     return NoiseModel(tuple(channels), tuple(rows), tuple(runs))
+
+
+def number_runs(is_run_start: np.ndarray, training_mask: np.ndarray) -> np.ndarray:
+    """Return the number of the continuous run of each row, (n,).
+
+    A removed row ends a run: the samples before and after it are not neighbours.
+    """
+    return np.cumsum(is_run_start | np.diff(training_mask, prepend=training_mask[:1]))
+
+
+def find_runs(run_number: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return begin and end of the continuous runs in some rows, (k, 2) positions in `rows`."""
+    if not rows.size:
+        return np.zeros((0, 2), int)
+    edges = np.flatnonzero(np.diff(run_number[rows])) + 1
+    bounds = np.concatenate([[0], edges, [rows.size]]).astype(int)
+    return np.stack([bounds[:-1], bounds[1:]], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

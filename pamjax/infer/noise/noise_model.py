@@ -74,14 +74,6 @@ class NoiseModel:
         )
         return replace(self, rows=rows, runs=runs)
 
-    def scale_rows(self, ratios: np.ndarray) -> NoiseModel:
-        """Return the noise with each sample's standard deviation multiplied by a ratio, (2, n)."""
-        by_channel = tuple(
-            None if channel is None else replace(channel, sd=channel.sd * ratio)
-            for channel, ratio in zip(self.by_channel, ratios, strict=True)
-        )
-        return replace(self, by_channel=by_channel)
-
     def add_row_variance(self, variance: np.ndarray) -> NoiseModel:
         """Return the noise with a further variance of some samples, which become runs of their own.
 
