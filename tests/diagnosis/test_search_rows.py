@@ -8,7 +8,7 @@ import pytest
 from pamjax import DiagnosisSettings, diagnose
 from pamjax.diagnosis.library.library_problem import average_rows, build_library_problem
 from pamjax.diagnosis.noise.estimate import estimate_noise
-from pamjax.diagnosis.search_rows import choose_search_rows, estimate_correlations
+from pamjax.diagnosis.search_rows import choose_search_rows
 from pamjax.model.muscle import Muscle
 from pamjax.model.thread import LinearThread
 from pamjax.records.blocks import find_blocks
@@ -81,7 +81,7 @@ def problems():
     case = replace(case, recording=recording)
     problem = build_library_problem(case)
     averages = RowAverages.from_recording(problem.case.recording, find_blocks(case.recording).label, 3)
-    return problem, average_rows(problem, averages, estimate_correlations(problem)), averages
+    return problem, average_rows(problem, averages), averages
 
 
 @pytest.mark.slow
@@ -102,13 +102,17 @@ def test_averages_are_predicted_as_accurately_as_the_samples(problems, changes):
 
 
 @pytest.mark.slow
-def test_averages_have_the_information_and_the_noise_of_the_samples(problems):
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+def test_averages_have_the_information_and_the_noise_of_the_samples(problems, friction):
+    """A large misfit, here a friction that the recording lacks, changes the noise of both in the same way."""
     problem, averaged, _ = problems
-    noises = [estimate_noise(p, p.neutral, np.ones(p.n, dtype=bool)) for p in (problem, averaged)]
+    values = problem.neutral.copy()
+    values[problem.index("braid_friction.coefficient")] = friction
+    noises = [estimate_noise(p, values, np.ones(p.n, dtype=bool)) for p in (problem, averaged)]
     assert noises[1].sample_count == pytest.approx(noises[0].size, rel=0.01)
-    # The misfit of the neutral muscle, in standard deviations of the noise, has the same sum of squares.
+    # The misfit in standard deviations of the noise has the same sum of squares.
     misfits = [
-        np.sum(noise.whiten(p.measured - p.predict(p.neutral)) ** 2) - noise.size
+        np.sum(noise.whiten(p.measured - p.predict(values)) ** 2) - noise.size
         for noise, p in zip(noises, (problem, averaged), strict=True)
     ]
     assert misfits[1] == pytest.approx(misfits[0], rel=0.2)

@@ -8,8 +8,9 @@ and the correlated part of neighbouring means
 
     covariance  A ρ ((1 − ρ^m) / (m (1 − ρ)))².
 
-The noise of means is AR(1) noise with this correlation and additional white noise.
-Neglects: the covariance at larger lags decreases more slowly than that of AR(1) noise if ρ is negative.
+The noise of means is that with this variance and this correlation of neighbours: AR(1) and white noise.
+Neglects: at larger distances the covariance decreases by ρ^m from group to group, faster than that of this
+AR(1) noise, so that slow noise is overestimated by up to a fifth.
 Source: sums of the autocovariance of AR(1) noise, derived here.
 """
 
@@ -25,6 +26,9 @@ from pamjax.infer.noise.estimate import find_runs
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.noise.sensor_posterior import SensorPosterior
 from pamjax.records.row_averages import RowAverages, find_typical_count
+
+#: Smallest correlation of neighbouring samples: estimates by chance can be below −1.
+_MIN_CORRELATION = -0.9
 
 
 def average_noise(
@@ -60,6 +64,7 @@ def average_noise(
 
 def _average_channel(channel: Ar1Noise, averages: RowAverages, counts: np.ndarray) -> Ar1Noise:
     typical, rho = round(find_typical_count(counts)), channel.correlation
+    measured_rho = max(channel.rho_from_differences, _MIN_CORRELATION)
     correlated = channel.ar1_fraction * compute_mean_variance(counts, rho)
     white = (1 - channel.ar1_fraction) / np.maximum(counts, 1)
     typical_correlated = channel.ar1_fraction * float(compute_mean_variance(typical, rho))
@@ -71,7 +76,7 @@ def _average_channel(channel: Ar1Noise, averages: RowAverages, counts: np.ndarra
         sd=np.sqrt(sample_variance * (correlated + white)),
         ar1_fraction=typical_correlated / (typical_correlated + typical_white),
         correlation=float(compute_mean_correlation(typical, rho)),
-        rho_from_differences=float(compute_mean_correlation(typical, max(channel.rho_from_differences, -0.9))),
+        rho_from_differences=float(compute_mean_correlation(typical, measured_rho)),
         sensor_posterior=None if posterior is None else _average_posterior(posterior, typical),
     )
 

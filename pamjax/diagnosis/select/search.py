@@ -206,7 +206,7 @@ def _add_candidates(
             return fit, best
         added = search.refit(best)
         chosen = choose_forms(search.problem, added, search.candidates)
-        fit = _swap_mechanisms(search, added if chosen is added else search.refit(chosen))
+        fit = swap_mechanisms(search, added if chosen is added else search.refit(chosen))
         directions, best = None, None
     return fit, None
 
@@ -238,7 +238,7 @@ def _list_promising(search: MechanismSearch, directions: Sequence[ScoreDirection
     ]
 
 
-def _swap_mechanisms(search: MechanismSearch, fit: ModelFit) -> ModelFit:
+def swap_mechanisms(search: MechanismSearch, fit: ModelFit) -> ModelFit:
     """Return the fit with rivals in place of mechanisms, where they now fit better.
 
     The last mechanism was chosen with the noise of the model without it. The residual of that model can have

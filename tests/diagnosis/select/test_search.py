@@ -9,7 +9,7 @@ from pamjax import diagnose
 from pamjax.diagnosis.form_errors.columns import compute_effect
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism
-from pamjax.diagnosis.select.search import prune_mechanisms
+from pamjax.diagnosis.select.search import prune_mechanisms, swap_mechanisms
 from tests.diagnosis.bank import BankRecording, diagnose_bank, replace_recording, simulate_bank
 from tests.diagnosis.searches import build_search, fit_ids
 
@@ -58,3 +58,11 @@ def test_a_mechanism_without_an_effect_is_removed():
     # A diagnosis has friction in all forms, and does not name it either.
     (mechanism,) = diagnose(search.problem.case).named_mechanisms
     assert mechanism.id == "bladder_elasticity"
+
+
+def test_a_mechanism_is_replaced_when_the_noise_is_known():
+    # The noise at the baseline, with all of the misfit, can prefer relaxation.
+    definition = BankRecording(1, only="braid_friction", smallest=8.0, largest=8.0)
+    search = build_search(build_library_problem(simulate_bank(definition).case))
+    fit = fit_ids(search, ["viscoelastic_creep"])
+    assert swap_mechanisms(search, fit).ids == ("braid_friction",)
