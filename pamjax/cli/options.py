@@ -22,6 +22,11 @@ WordList = Annotated[list[str] | None, Parameter(consume_multiple=True, negative
 #: The same under the name `--with`, which is a keyword in Python.
 MechanismList = Annotated[list[str] | None, Parameter(name="--with", consume_multiple=True, negative="")]
 
+#: The same under two names, the second one of earlier versions.
+MechanismPair = Annotated[
+    list[str] | None, Parameter(name=("--distinguish", "--tell"), consume_multiple=True, negative="")
+]
+
 
 @Parameter(name="*")
 @dataclass(frozen=True)

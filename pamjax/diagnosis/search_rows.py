@@ -60,10 +60,12 @@ class DiagnosedRows:
         return replace(self.blocks, label=self.blocks.label[self.search_rows])
 
     def start_compilation(self) -> None:
-        """Start to compile the programs, those of the search first."""
+        """Start to compile the programs, in the order of their first use."""
         self.search_problem.start_compilation()
         if self.search_problem is not self.problem:
-            self.problem.start_compilation()
+            # The noise of means is estimated from predictions of the samples.
+            self.problem.start_compilation_of_prediction()
+            self.problem.start_compilation_of_derivatives()
 
     def clear_evaluations(self) -> None:
         """Forget the cached evaluations: the result holds the problem, and must not hold them."""

@@ -18,7 +18,7 @@ RUNS = {
     "sample": ("sample made", "--out", "ridge.png", []),
     "diagnose": ("diagnose made", "--out", "made/prediction.csv", []),
     "plan": ("plan made", "--out", "schedule.csv", []),
-    "tell": ("plan made", "--out", "report.html", ["--tell", "braid_friction", "viscous_damping"]),
+    "tell": ("plan made", "--out", "report.html", ["--distinguish", "braid_friction", "viscous_damping"]),
     "size": ("size plan.toml", "--out", "muscle/muscle.toml", []),
     "inverse": ("inverse stated", "--export", "controller.py", []),
     "prove": ("prove", "--out", "table.csv", []),

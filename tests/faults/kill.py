@@ -39,7 +39,7 @@ COMMANDS = {
         "sample", "case", "--ess", "100", "--rhat", "1.2", "--max-draws", "1000",
         "--no-figures", "--no-report",
     ),
-    "diagnose": ("diagnose", "case", "--no-beside", "--no-report"),
+    "diagnose": ("diagnose", "case", "--no-compare", "--no-report"),
     "prove": ("prove", "--stage", "score", "--nothing", "3", "--single", "0", "--outside", "0"),
     "fleet": (
         "fleet", "cases", "--stage", "check", "fit", "--workers", "1", "--no-figures", "--no-report",

@@ -5,7 +5,9 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
 
 from pamjax.cli.options import Json
 from pamjax.cli.overwrite import check_replaceable
@@ -33,7 +35,7 @@ def diagnose(
     out: Path = Path("out"),
     seed: int = 0,
     report: bool = True,
-    beside: bool = True,
+    compare: Annotated[bool, Parameter(name=("--compare", "--beside"))] = True,
     json: Json = False,
 ) -> None:
     """Test the baseline model of a recording and identify missing mechanisms.
@@ -47,7 +49,7 @@ def diagnose(
         out: output folder.
         seed: random seed for the p-values.
         report: write report.html for a web browser.
-        beside: also evaluate Sárosi's formula and a Gaussian process on the held-out rows and in
+        compare: also evaluate Sárosi's formula and a Gaussian process on the held-out rows and in
             extrapolation; takes a few seconds for each case.
         json: print a JSON list with one diagnosis for each case.
     """
@@ -60,7 +62,7 @@ def diagnose(
     for folder in cases:
         try:
             case = read_case(folder)
-            check_replaceable(out / case.name, _list_names(beside, report))
+            check_replaceable(out / case.name, _list_names(compare, report))
             parsed_cases.append(case)
         except BadInput as error:
             errors.append(_name_case(folder, error) if len(cases) > 1 else error)
@@ -89,7 +91,7 @@ def diagnose(
                 if isinstance(outcome, BadInput):
                     errors.append(_name_case(case.folder, outcome) if len(cases) > 1 else outcome)
                     continue
-                comparison = compare_models(outcome, seed) if beside else None
+                comparison = compare_models(outcome, seed) if compare else None
                 with write_results_together(out / case.name) as folder:
                     save_diagnosis(outcome, folder)
                     if comparison is not None:

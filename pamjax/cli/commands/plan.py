@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pamjax.cli.options import Json, MechanismList, WordList
+from pamjax.cli.options import Json, MechanismList, MechanismPair
 from pamjax.cli.overwrite import check_replaceable
 from pamjax.cli.screen import (
     REPORT_FILE,
@@ -24,7 +24,7 @@ def plan(
     *,
     goal: str | None = None,
     to: str | None = None,
-    tell: WordList = None,
+    distinguish: MechanismPair = None,
     with_: MechanismList = None,
     minutes: float | None = None,
     law: str | None = None,
@@ -36,9 +36,9 @@ def plan(
 ) -> None:
     """Choose the next runs on a test rig: to determine a parameter, or to distinguish two mechanisms.
 
-    Writes plan.json, schedule.csv (pressure and length to command), figures and report.html. With `--tell` it
-    writes discrimination.json and report.html. Only `--tell` needs a recording; otherwise a muscle.toml is
-    sufficient.
+    Writes plan.json, schedule.csv (pressure and length to command), figures and report.html. With
+    `--distinguish` it writes discrimination.json and report.html. Only `--distinguish` needs a recording;
+    otherwise a muscle.toml is sufficient.
 
     Args:
         muscle: case folder or muscle.toml.
@@ -47,9 +47,9 @@ def plan(
         goal: parameter to determine, such as thread.modulus, or "all"; by default the stiffness of the
             threads.
         to: wanted standard deviation of the goal, such as "5 %" or "4 GPa"; by default "5 %".
-        tell: two mechanisms to distinguish, such as braid_friction viscous_damping, on the rig of the
+        distinguish: two mechanisms to distinguish, such as braid_friction viscous_damping, on the rig of the
             recording.
-        with_: with `--tell`: mechanisms in both models, such as the others that a diagnosis names.
+        with_: with `--distinguish`: mechanisms in both models, such as the others that a diagnosis names.
         minutes: available time for all runs; by default that of the rig file, or 60.
         law: thread law; by default that of the baseline model.
         out: output folder.
@@ -64,34 +64,36 @@ def plan(
 
     check_writable(out)
     recorded = muscle.is_dir() and (muscle / RECORDING_FILE).exists()
-    if tell is not None:
-        if len(tell) != 2:
+    if distinguish is not None:
+        if len(distinguish) != 2:
             raise BadInput.from_rule(
-                "`--tell` needs two mechanisms", f"{len(tell)}", remedy="Name both, one after the other."
+                "`--distinguish` needs two mechanisms",
+                f"{len(distinguish)}",
+                remedy="Name both, one after the other.",
             )
         if not recorded:
             remedy = f"Name {muscle.parent}." if (muscle.parent / RECORDING_FILE).exists() else ""
             raise BadInput.from_rule(
-                "`--tell` needs a case folder with a recording", f"{muscle}", remedy=remedy
+                "`--distinguish` needs a case folder with a recording", f"{muscle}", remedy=remedy
             )
         if extra_options := [
             f"`--{option}`" for option, value in (("goal", goal), ("to", to), ("minutes", minutes)) if value
         ]:
             raise BadInput.from_rule(
-                "`--tell` cannot be combined with `--goal`, `--to` or `--minutes`",
+                "`--distinguish` cannot be combined with `--goal`, `--to` or `--minutes`",
                 ", ".join(extra_options),
                 remedy="Omit them.",
             )
         if rig is not None:
             raise BadInput.from_rule(
-                "`--tell` uses the rig of the recording", f"{rig.name}", remedy="Remove the rig file."
+                "`--distinguish` uses the rig of the recording", f"{rig.name}", remedy="Remove the rig file."
             )
         check_replaceable(out, ["discrimination.json", *([REPORT_FILE] if report else [])])
         keep_compiled()
-        _discriminate(muscle, (tell[0], tell[1]), with_ or [], out, report, json)
+        _discriminate(muscle, (distinguish[0], distinguish[1]), with_ or [], out, report, json)
         return
     if with_:
-        raise BadInput.from_rule("`--with` needs `--tell`", " ".join(with_), remedy="Remove `--with`.")
+        raise BadInput.from_rule("`--with` needs `--distinguish`", " ".join(with_), remedy="Remove `--with`.")
     figure_names = ["plan.png", "schedule.png"] if figures else []
     check_replaceable(out, ["plan.json", "schedule.csv", *figure_names, *([REPORT_FILE] if report else [])])
     keep_compiled()

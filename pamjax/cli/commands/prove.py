@@ -57,7 +57,7 @@ def prove(
         stage: all (complete diagnosis) or score (only the p-value of the baseline model, for recordings
             without an effect).
         bank: own (concealed effects have the equations of the fit) or other-forms (no mechanism has its
-            equation, sensors may be misstated; docs/validation.md describes it).
+            equation, sensors may be misstated; docs/validation-simulated.md describes it).
         form_error: relative difference between concealed effects and the equations of their mechanisms, 0 to
             0.5; it varies smoothly over pressure and length.
         rivals: also evaluate two standard methods: forward selection by BIC, and a Gaussian process.

@@ -156,10 +156,18 @@ class LibraryProblem(LibraryParameters):
         }
 
     def start_compilation(self) -> None:
-        """Start to compile both programs at the same time; the first use of each waits for it."""
+        """Start to compile both programs, the longer one first; the first use of each waits for it."""
+        self.start_compilation_of_derivatives()
+        self.start_compilation_of_prediction()
+
+    def start_compilation_of_derivatives(self) -> None:
+        """Start to compile the program of the derivatives."""
         programs.start_compilation(
             _sweep_derivatives, *_pack_sweep_arguments(self.dataset, self.neutral, (), ())
         )
+
+    def start_compilation_of_prediction(self) -> None:
+        """Start to compile the program of the prediction alone."""
         programs.start_compilation(_predict_channels, self.dataset, self.neutral, _flag_mechanisms(()))
 
     def predict_with_jacobian(self, values: np.ndarray, indices) -> tuple[np.ndarray, np.ndarray]:

@@ -52,8 +52,11 @@ def test_report_of_a_plan_agrees_with_its_json(planned):
         (["--to", "5"], "this value needs a unit; got '5' in `--to`."),
         (["--to", "0 %"], "must be positive"),
         (["--minutes", "1"], "the shortest run of this rig takes 1.5 min"),
-        (["--tell", "braid_friction"], "`--tell` needs two mechanisms"),
-        (["--tell", "braid_friction", "viscous_damping"], "`--tell` needs a case folder with a recording"),
+        (["--distinguish", "braid_friction"], "`--distinguish` needs two mechanisms"),
+        (
+            ["--distinguish", "braid_friction", "viscous_damping"],
+            "`--distinguish` needs a case folder with a recording",
+        ),
     ],
 )
 def test_invalid_goal_is_refused(bench, tmp_path, capsys, words, message):
@@ -80,14 +83,14 @@ def test_invalid_rig_is_refused(bench, tmp_path, capsys, rig, message):
 
 
 def test_friction_cannot_be_detected_without_time(capsys, tmp_path):
-    words = ["--tell", "braid_friction", "viscous_damping", "--out", str(tmp_path)]
+    words = ["--distinguish", "braid_friction", "viscous_damping", "--out", str(tmp_path)]
     assert main(["plan", PAPER, *words]) == 2
     assert "'braid_friction' needs time; got a table without time" in capsys.readouterr().err
 
 
 @pytest.mark.slow
 def test_plan_separates_indistinguishable_mechanisms(rubbed, tmp_path, capsys):
-    words = [str(rubbed), "--tell", "braid_friction", "viscous_damping", "--out", str(tmp_path)]
+    words = [str(rubbed), "--distinguish", "braid_friction", "viscous_damping", "--out", str(tmp_path)]
     assert main(["plan", *words, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document == json.loads((tmp_path / "discrimination.json").read_text())
@@ -105,7 +108,7 @@ def test_plan_separates_indistinguishable_mechanisms(rubbed, tmp_path, capsys):
 def test_recording_without_an_explanation_is_reported_first(bench, tmp_path, capsys):
     spent = ["--with", "contact_pressure.threshold=60 kPa", "--seed", "3", "--out", str(tmp_path / "spent")]
     assert main(["simulate", str(bench / "stated"), str(bench / "plan.toml"), *spent]) == 0
-    pair = ["--tell", "braid_friction", "viscous_damping"]
+    pair = ["--distinguish", "braid_friction", "viscous_damping"]
     words = [str(tmp_path / "spent"), *pair, "--out", str(tmp_path / "told")]
     assert main(["plan", *words]) == 0
     output = capsys.readouterr().out
