@@ -31,7 +31,7 @@ def test_every_figure_of_a_diagnosis_is_drawn():
     diagnosis = made_up.diagnosis()
     names = diagnosis.list_figures()
     assert names[0] == "map"
-    assert {"story", "loops", "residuals", "held-out", "shifts", "candidates-braid_friction"} <= set(names)
+    assert {"steps", "loops", "residuals", "held-out", "shifts", "candidates-braid_friction"} <= set(names)
     for name in names:
         figure = diagnosis.plot(name)
         assert isinstance(figure, Figure)

@@ -83,7 +83,7 @@ def test_plan_pickles(mine):
 def test_design_pickles():
     design = pamjax.size(SPEC, inelastic_and_front=False, stock=False, starts=1)
     assert str(copy(design)) == str(design)
-    assert [name for name in design.list_figures() if design.plot(name).axes] == ["chart", "prices"]
+    assert [name for name in design.list_figures() if design.plot(name).axes] == ["chart", "sensitivities"]
 
 
 def test_fleet_pickles(tmp_path):

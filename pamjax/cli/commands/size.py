@@ -59,7 +59,7 @@ def size(
     from pamjax.sizing.size import size as choose
 
     muscle_names = ["model.json", f"muscle/{MUSCLE_FILE}"]
-    report_names = ["chart.png", "prices.png", "front.png", REPORT_FILE]
+    report_names = ["chart.png", "sensitivities.png", "front.png", REPORT_FILE]
     check_replaceable(out, ["design.json", *muscle_names, *(report_names if report else [])])
     with show_progress(quiet=json) as progress:
         design = choose(spec, starts=starts, method=method, seed=seed, stock=stock, progress=progress)

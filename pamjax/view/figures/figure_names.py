@@ -21,7 +21,7 @@ from pamjax.planning.plan import Plan
 from pamjax.sizing.result import Design
 from pamjax.view.figures.diagnosis import plot_candidates, plot_held_out_scores, plot_shifts
 from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops
-from pamjax.view.figures.diagnosis_story import plot_story
+from pamjax.view.figures.diagnosis_steps import plot_steps
 from pamjax.view.figures.fit import (
     plot_held_out,
     plot_prediction,
@@ -121,7 +121,7 @@ def _(fit: Fit) -> dict[str, PlotFunction]:
 def _(post: Posterior) -> dict[str, PlotFunction]:
     functions: dict[str, PlotFunction] = {
         "corner": partial(plot_corner, post),
-        "belief": partial(plot_marginals, post),
+        "marginals": partial(plot_marginals, post),
         "trace": partial(plot_traces, post),
     }
     if post.verdicts:
@@ -141,7 +141,7 @@ def _(diagnosis: Diagnosis) -> dict[str, PlotFunction]:
         functions[f"map-{diagnosis.problem.channels[channel]}"] = partial(plot_map, diagnosis, channel)
     functions["loops"] = partial(plot_loops, diagnosis)
     if diagnosis.named_mechanisms:
-        functions["story"] = partial(plot_story, diagnosis)
+        functions["steps"] = partial(plot_steps, diagnosis)
         functions["residuals"] = partial(plot_explained_residuals, diagnosis)
     if diagnosis.held_out_errors.baseline_rmse:
         functions["held-out"] = partial(plot_held_out_scores, diagnosis)
@@ -156,7 +156,7 @@ def _(diagnosis: Diagnosis) -> dict[str, PlotFunction]:
 def _(design: Design) -> dict[str, PlotFunction]:
     functions: dict[str, PlotFunction] = {"chart": partial(plot_chart, design)}
     if design.requirement_sensitivities:
-        functions["prices"] = partial(plot_sensitivities, design)
+        functions["sensitivities"] = partial(plot_sensitivities, design)
     if design.front is not None and len(design.front.values) > 1:
         functions["front"] = partial(plot_front, design)
     return functions

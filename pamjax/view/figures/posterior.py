@@ -265,12 +265,12 @@ def list_figure_names(cases: Sequence[str]) -> list[str]:
         cases: names of the cases.
     """
     bands = ["band.png"] if len(cases) == 1 else [f"{case}-band.png" for case in cases]
-    return ["corner.png", "belief.png", "trace.png", *_OPTIONAL_FIGURES, *bands]
+    return ["corner.png", "marginals.png", "trace.png", *_OPTIONAL_FIGURES, *bands]
 
 
 def save_posterior_figures(post: Posterior, folder: Path) -> list[Path]:
     """Write every figure of a posterior as PNG and return their paths."""
-    plots = {"corner": plot_corner, "belief": plot_marginals, "trace": plot_traces}
+    plots = {"corner": plot_corner, "marginals": plot_marginals, "trace": plot_traces}
     if post.verdicts:
         plots["profile"] = plot_profiles
     if find_ridges(post):

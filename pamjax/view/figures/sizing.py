@@ -258,7 +258,7 @@ def _format_percent(values: np.ndarray) -> str:
 def save_design_figures(design: Design, folder: Path) -> list[Path]:
     """Write the figures of a design as PNG and return their paths."""
     paths = [save_png(plot_chart(design), folder / "chart")]
-    for name, drawing in (("prices", plot_sensitivities(design)), ("front", plot_front(design))):
+    for name, drawing in (("sensitivities", plot_sensitivities(design)), ("front", plot_front(design))):
         if drawing is not None:
             paths.append(save_png(drawing, folder / name))
     return paths

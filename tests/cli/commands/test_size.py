@@ -39,7 +39,7 @@ def test_chosen_muscle_can_be_simulated(tmp_path, capsys):
     assert document["feasible"]
     page = Page((out / "report.html").read_text("utf-8"))
     assert sum(tag == "svg" for tag, _ in page.elements) >= 4
-    assert {"chart.png", "prices.png"} <= {path.name for path in out.iterdir()}
+    assert {"chart.png", "sensitivities.png"} <= {path.name for path in out.iterdir()}
     assert "--starts 2" in page.text
     assert main(["simulate", str(out / "muscle"), "--out", str(tmp_path / "stated")]) == 0
     assert "the rubber of [bladder] is neglected" in capsys.readouterr().err

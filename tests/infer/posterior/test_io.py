@@ -144,7 +144,7 @@ def test_thinned_draws_come_from_all_chains():
 @pytest.mark.slow
 def test_figures_are_written(tmp_path):
     names = {path.name for path in save_posterior_figures(drawn(), tmp_path)}
-    assert names == {"corner.png", "belief.png", "trace.png", "profile.png", "band.png"}
+    assert names == {"corner.png", "marginals.png", "trace.png", "profile.png", "band.png"}
     assert names == {path.name for path in tmp_path.iterdir()}
 
 

@@ -9,7 +9,7 @@ from pamjax.channels import format_channel_value
 from pamjax.view.figures import diagnosis_loops
 from pamjax.view.figures.diagnosis import plot_candidates, plot_held_out_scores, plot_shifts
 from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops
-from pamjax.view.figures.diagnosis_story import plot_story
+from pamjax.view.figures.diagnosis_steps import plot_steps
 from pamjax.view.figures.mismatch_map import plot_map
 from tests.view.made_up import add_form_error, diagnosis, holds, lengths, strokes, table
 
@@ -206,7 +206,7 @@ def test_parameter_with_the_largest_change_is_first():
 @pytest.mark.parametrize("protocol", [strokes, lengths, holds, table])
 def test_story_has_residuals_before_and_after_on_one_scale(protocol):
     result = diagnosis(protocol=protocol)
-    before, rivals, after = panels(plot_story(result))
+    before, rivals, after = panels(plot_steps(result))
     assert [panel.get_title("left")[:2] for panel in (before, rivals, after)] == ["1.", "2.", "3."]
     assert before.get_ylim() == after.get_ylim()
     rms = [
@@ -220,4 +220,4 @@ def test_story_has_residuals_before_and_after_on_one_scale(protocol):
 
 
 def test_story_needs_a_mechanism():
-    assert plot_story(diagnosis(named=False)) is None
+    assert plot_steps(diagnosis(named=False)) is None

@@ -32,7 +32,7 @@ _MAX_STORY_RIVALS = 4
 _TITLE_LETTERS = 34
 
 
-def plot_story(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
+def plot_steps(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
     """Return residuals of baseline and model, and the rival mechanisms between; None without a mechanism.
 
     The residuals of held-out blocks are those of fits without them.
