@@ -61,11 +61,11 @@ class DiagnosedRows:
 
     def start_compilation(self) -> None:
         """Start to compile the programs, in the order of their first use."""
-        self.search_problem.start_compilation()
         if self.search_problem is not self.problem:
             # The noise of means is estimated from predictions of the samples.
             self.problem.start_compilation_of_prediction()
-            self.problem.start_compilation_of_derivatives()
+        self.search_problem.start_compilation()
+        self.problem.start_compilation_of_derivatives()
 
     def clear_evaluations(self) -> None:
         """Forget the cached evaluations: the result holds the problem, and must not hold them."""

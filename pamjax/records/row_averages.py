@@ -137,8 +137,13 @@ class RowAverages:
         for name in names:
             sd = getattr(sensors, name)
             if sd is not None:
-                scaled[name] = sd / math.sqrt(find_typical_count(self.count(name)))
+                scaled[name] = sd / math.sqrt(_find_typical_count(self.count(name)))
         return replace(sensors, **scaled)
+
+    def compute_noise_ratios(self, name: str) -> np.ndarray:
+        """Return the white noise of each mean of a channel relative to that in a typical group, (k,)."""
+        counts = self.count(name)
+        return np.sqrt(_find_typical_count(counts) / np.maximum(counts, 1))
 
     def count(self, name: str) -> np.ndarray:
         """Return the number of a channel's samples in each group, (k,)."""
@@ -160,7 +165,7 @@ class RowAverages:
         return moved
 
 
-def find_typical_count(counts: np.ndarray) -> float:
+def _find_typical_count(counts: np.ndarray) -> float:
     """Return the median number of samples of the groups that have some, from (k,); 1 without samples."""
     return float(np.median(counts[counts > 0])) if counts.any() else 1.0
 

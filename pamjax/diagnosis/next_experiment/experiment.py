@@ -20,7 +20,6 @@ from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed, linearise
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.refit.model_fit import (
     ModelFit,
-    build_corrected_fit,
     get_free_indices,
     switch_off_candidate,
     switch_on_candidate,
@@ -74,23 +73,25 @@ def propose_experiments(
         set the force and measure the length.
     """
     pairs = [
-        (mechanism, rival)
-        for mechanism in named_mechanisms
+        (name.id, rival)
+        for name in named_mechanisms
         for rival in sorted(
-            mechanism.indistinguishable, key=lambda id, m=mechanism: m.rival_bic_increase.get(id, np.inf)
+            name.indistinguishable, key=lambda id, name=name: name.rival_bic_increase.get(id, np.inf)
         )[: problem.settings.max_rivals_per_mechanism]
     ]
-    distinct = {frozenset((mechanism.id, rival)): (mechanism, rival) for mechanism, rival in reversed(pairs)}
-    pairs = list(distinct.values())[::-1][: problem.settings.max_rival_pairs]
+    pairs = list({frozenset(pair): pair for pair in reversed(pairs)}.values())[::-1][
+        : problem.settings.max_rival_pairs
+    ]
     if not pairs:
         return []
     testbed = SimulatedTestbed.from_fit(problem, fit)
     best = {}
-    for mechanism, rival in pairs:
-        rival_fit = _refit_rival(problem, fit, mechanism, rival)
+    for name, rival in pairs:
+        rival_fit = fit_rival(problem, fit, name, rival)
         if rival_fit is not None:
-            ids = mechanism.id, rival
-            best[ids] = choose_experiment(evaluate_protocols(testbed, fit, rival_fit, ids), problem.settings)
+            best[name, rival] = choose_experiment(
+                evaluate_protocols(testbed, fit, rival_fit, (name, rival)), problem.settings
+            )
     return _merge_by_protocol(list(best.values()))
 
 
@@ -139,22 +140,6 @@ def evaluate_protocols(
 
 def _format_duration(minutes: float) -> str:
     return f"{minutes:.0f} min" if minutes < 90 else f"{minutes / 60:.0f} h"
-
-
-def _refit_rival(
-    problem: LibraryProblem, fit: ModelFit, mechanism: NamedMechanism, rival: str
-) -> ModelFit | None:
-    """Return the model refitted with a rival instead of a mechanism, from the fit of the selection if known.
-
-    It is None if the rival is not testable.
-    """
-    candidate = next((c for c in fit.mechanisms if c.id == mechanism.id), None)
-    known = next((r for r in mechanism.indistinguishable_fits if r.candidate.id == rival), None)
-    if candidate is None or known is None:
-        return fit_rival(problem, fit, mechanism.id, rival)
-    mechanisms, start = known.replace_in(problem, fit, candidate)
-    estimate = fit_parameters(problem, fit.noise, get_free_indices(problem, mechanisms), start)
-    return build_corrected_fit(problem, mechanisms, fit.noise, estimate)
 
 
 def fit_rival(problem: LibraryProblem, fit: ModelFit, name: str, rival: str) -> ModelFit | None:

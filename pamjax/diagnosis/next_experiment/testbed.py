@@ -124,6 +124,7 @@ class SimulatedTestbed:
             case=case,
             dataset=dataclasses.replace(problem.dataset, rows=rows, history=history),
             measured=np.full((2, n), np.nan),
+            samples=None,
         )
 
     def build_noise(self, problem: LibraryProblem, values: np.ndarray, is_measured: np.ndarray) -> NoiseModel:

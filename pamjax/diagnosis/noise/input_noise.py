@@ -144,7 +144,9 @@ def _get_perturbed_problems(problem: LibraryProblem) -> list[LibraryProblem]:
 
 def _sample_input_noise(problem: LibraryProblem) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the draws of pressure and length noise, (n,) each, SI."""
-    pressure, length = _get_input_noise_sd(problem)
+    pressure, length = (
+        sd * ratios for sd, ratios in zip(_get_input_noise_sd(problem), _get_ratios(problem), strict=True)
+    )
     signs = np.random.default_rng(_INPUT_NOISE_SEED).choice([-1.0, 1.0], (2, problem.n))
     position = np.arange(problem.n) % (_INPUT_NOISE_DRAWS // 2)
     return [
@@ -157,6 +159,14 @@ def _get_input_noise_sd(problem: LibraryProblem) -> tuple[float, float]:
     """Return the sd of pressure and length noise that is independent between samples, SI."""
     sensors = problem.case.muscle_toml.sensors
     return sensors.pressure or 0.0, 0.0 if sensors.length_per_level else sensors.length or 0.0
+
+
+def _get_ratios(problem: LibraryProblem) -> tuple[np.ndarray | float, np.ndarray | float]:
+    """Return the noise of pressure and length in each row over the stated one: a mean has less noise."""
+    if problem.samples is None:
+        return 1.0, 1.0
+    averages = problem.samples.averages
+    return averages.compute_noise_ratios("pressure"), averages.compute_noise_ratios("length")
 
 
 def _mixes_samples(parameter: str) -> bool:

@@ -36,6 +36,7 @@ from pamjax.diagnosis.refit.model_fit import (
     build_corrected_fit,
     get_free_indices,
     get_parameter_indices,
+    switch_off_candidate,
 )
 from pamjax.diagnosis.select.rivals import NamedMechanism, RivalFit
 
@@ -165,8 +166,13 @@ def _weigh_indistinguishable(
         return []
 
     def compute_change(rival: RivalFit) -> tuple[float, np.ndarray]:
-        mechanisms, start = rival.replace_in(problem, fit, own_candidate)
-        free = get_free_indices(problem, mechanisms)
+        start = switch_off_candidate(problem, fit.estimate.values, own_candidate)
+        rival_indices = get_parameter_indices(problem, [rival.candidate])
+        start[rival_indices] = rival.values[rival_indices]
+        others = [
+            other_candidate for other_candidate in fit.mechanisms if other_candidate is not own_candidate
+        ]
+        free = get_free_indices(problem, [*others, rival.candidate])
         shift = (
             fit_parameters(
                 problem, fit.noise, free, start, problem.settings.alternative_fit_evaluations

@@ -16,7 +16,7 @@ from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import evaluate_estimate
-from pamjax.diagnosis.refit.model_fit import ModelFit, get_parameter_indices, switch_off_candidate
+from pamjax.diagnosis.refit.model_fit import ModelFit, switch_off_candidate
 from pamjax.diagnosis.select.neighbour_fits import (
     compute_rough_limit,
     fit_replacements,
@@ -38,15 +38,6 @@ class RivalFit:
     probability: float
     candidate: Candidate
     values: np.ndarray
-
-    def replace_in(
-        self, problem: LibraryProblem, fit: ModelFit, candidate: Candidate
-    ) -> tuple[tuple[Candidate, ...], np.ndarray]:
-        """Return the mechanisms of a model with the rival in place of a candidate, and starting values."""
-        values = switch_off_candidate(problem, fit.estimate.values, candidate)
-        indices = get_parameter_indices(problem, [self.candidate])
-        values[indices] = self.values[indices]
-        return (*(other for other in fit.mechanisms if other is not candidate), self.candidate), values
 
 
 @dataclass(frozen=True, eq=False)

@@ -204,9 +204,7 @@ def _add_candidates(
         best = best or fit_best_candidate(search, form_error_fit, directions)
         if best is None or not search.is_worthwhile(form_error_fit, best, may_be_small):
             return fit, best
-        added = search.refit(best)
-        chosen = choose_forms(search.problem, added, search.candidates)
-        fit = swap_mechanisms(search, added if chosen is added else search.refit(chosen))
+        fit = swap_mechanisms(search, _refit_in_best_forms(search, best))
         directions, best = None, None
     return fit, None
 
@@ -244,17 +242,25 @@ def swap_mechanisms(search: MechanismSearch, fit: ModelFit) -> ModelFit:
     The last mechanism was chosen with the noise of the model without it. The residual of that model can have
     a large misfit, which changes its noise.
     """
-    for k in range(len(fit.mechanisms)):
+    for candidate in fit.mechanisms:
+        k = fit.mechanisms.index(candidate)
         reduced_fit = fit_without_mechanism(search.problem, fit, k)
-        rivals = fit_replacements(search.problem, reduced_fit, fit.mechanisms[k], search.candidates)
+        rivals = fit_replacements(search.problem, reduced_fit, candidate, search.candidates)
         trials = refit_most_promising(
             search.problem,
             reduced_fit,
             [rival for rival in rivals if rival.bic < compute_rough_limit(reduced_fit, fit)],
         )
         if trials and trials[0].bic < fit.bic - search.settings.tie_chi2:
-            fit = search.refit(trials[0])
+            fit = _refit_in_best_forms(search, trials[0])
     return fit
+
+
+def _refit_in_best_forms(search: MechanismSearch, fit: ModelFit) -> ModelFit:
+    """Return the fit with noise from its own residual, and each mechanism in its best form."""
+    refitted = search.refit(fit)
+    chosen = choose_forms(search.problem, refitted, search.candidates)
+    return refitted if chosen is refitted else search.refit(chosen)
 
 
 def prune_mechanisms(search: MechanismSearch, fit: ModelFit, may_be_small: bool = False) -> ModelFit:

@@ -33,6 +33,41 @@ _STEADY_STATE_TOLERANCE = 1e-3
 (_solve_triangular_band,) = get_lapack_funcs(("tbtrs",), dtype=np.float64)
 
 
+@dataclass(frozen=True, eq=False)
+class SampleNoise:
+    """Autocorrelated noise that differs between samples, such as means of different numbers of readings.
+
+    Attributes:
+        ar1_fraction: (n,) A of each sample.
+        correlation: (n,) correlation of the autocorrelated part with that of the sample before.
+    """
+
+    ar1_fraction: np.ndarray
+    correlation: np.ndarray
+
+    def select(self, rows: np.ndarray | None) -> SampleNoise:
+        """Return the noise of some samples."""
+        assert rows is not None
+        return SampleNoise(self.ar1_fraction[rows], self.correlation[rows])
+
+    def build_filter(self, runs: np.ndarray) -> RunFilter:
+        """Return the filter of consecutive runs, (k, 2) begin and end, with A, W and ρ of each sample."""
+        fraction, rho = self.ar1_fraction, self.correlation.copy()
+        rho[runs[:, 0]] = 0.0
+        # The state is the autocorrelated part itself, and not relative to its sd.
+        factor = rho.copy()
+        factor[1:] *= np.sqrt(fraction[1:] / np.maximum(fraction[:-1], 1e-12))
+        driving_variance = fraction * (1 - rho**2)
+        feedback, variance = np.zeros(rho.size), np.ones(rho.size)
+        p = remaining = 0.0
+        for k in range(rho.size):
+            feedback[k] = factor[k] * remaining
+            p = factor[k] ** 2 * p * remaining + driving_variance[k]
+            variance[k] = p + 1 - fraction[k]
+            remaining = (1 - fraction[k]) / variance[k]
+        return RunFilter(factor, feedback, np.sqrt(variance))
+
+
 @dataclass(frozen=True)
 class Ar1Noise:
     """Noise of one channel.
@@ -45,6 +80,7 @@ class Ar1Noise:
         degrees_of_freedom: degrees of freedom of the variance; infinite if it is stated.
         rho_from_differences: ρ from differences of neighbours, also where it is not significant.
         sensor_posterior: posterior of variance and correlation, if the recording determines the variance.
+        by_sample: fraction and correlation of each sample, if they differ; the others are their means.
     """
 
     sd: np.ndarray
@@ -54,16 +90,24 @@ class Ar1Noise:
     degrees_of_freedom: float = math.inf
     rho_from_differences: float = 0.0
     sensor_posterior: SensorPosterior | None = None
+    by_sample: SampleNoise | None = None
 
     @property
     def filter(self) -> tuple[float, float]:
         """Return the coefficient θ of the steady filter, and the sd of the innovation of a unit sample."""
         return _solve_steady_filter(self.ar1_fraction, self.correlation)
 
-    def build_filter(self, runs: np.ndarray) -> RunFilter | None:
-        """Return the filter of consecutive runs, (k, 2) begin and end; None for uncorrelated noise."""
+    def build_filter(self, runs: np.ndarray, rows: np.ndarray | None = None) -> RunFilter | None:
+        """Return the filter of consecutive runs; None for uncorrelated noise.
+
+        Args:
+            runs: (k, 2) begin and end of each run in `rows`.
+            rows: samples in use; needed if the noise differs between samples.
+        """
         if self.correlation == 0 or self.ar1_fraction == 0:
             return None
+        if self.by_sample is not None:
+            return self.by_sample.select(rows).build_filter(runs)
         lengths = runs[:, 1] - runs[:, 0]
         feedback, sd = self.compute_coefficients(int(lengths.max(initial=0)))
         # The number of each sample in its run; none if the channel has no rows in use.
@@ -79,13 +123,6 @@ class Ar1Noise:
         sd[: initial.size], sd[initial.size :] = initial, self.filter[1]
         feedback = rho * (1 - self.ar1_fraction) / sd**2
         return np.concatenate([[0.0], feedback])[:samples], sd
-
-    def sum_log_sd(self, samples: int) -> float:
-        """Return the sum of the logarithms of the innovation sds of a run."""
-        if self.correlation == 0 or self.ar1_fraction == 0:
-            return 0.0
-        initial = np.log(_compute_initial_sds(self.ar1_fraction, self.correlation)[:samples])
-        return float(initial.sum()) + (samples - initial.size) * math.log(self.filter[1])
 
 
 @dataclass(frozen=True, eq=False)

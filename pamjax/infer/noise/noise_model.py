@@ -46,10 +46,11 @@ class NoiseModel:
     def log_determinant(self) -> float:
         """Return the logarithm of the determinant of the noise covariance, SI."""
         out = -2 * self.size * math.log(self.weight)
-        for channel, rows, runs in zip(self.by_channel, self.rows, self.runs, strict=True):
+        for channel, rows, run_filter in zip(self.by_channel, self.rows, self._filters, strict=True):
             if channel is not None:
                 out += 2 * float(np.sum(np.log(channel.sd[rows])))
-                out += 2 * sum(channel.sum_log_sd(int(last - first)) for first, last in runs)
+            if run_filter is not None:
+                out += 2 * float(np.sum(np.log(run_filter.sd)))
         return out
 
     def compute_rms_sd(self, c: int) -> float:
@@ -122,8 +123,8 @@ class NoiseModel:
     def _filters(self) -> tuple[RunFilter | None, ...]:
         """Return the filter of each channel; None for uncorrelated noise."""
         return tuple(
-            None if channel is None else channel.build_filter(runs)
-            for channel, runs in zip(self.by_channel, self.runs, strict=True)
+            None if channel is None else channel.build_filter(runs, rows)
+            for channel, rows, runs in zip(self.by_channel, self.rows, self.runs, strict=True)
         )
 
     def whiten(self, values: np.ndarray) -> np.ndarray:

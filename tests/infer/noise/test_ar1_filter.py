@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 
-from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.infer.noise.ar1_filter import Ar1Noise, SampleNoise
 from pamjax.infer.noise.noise_model import NoiseModel
 
 
@@ -28,7 +28,9 @@ def test_filter_agrees_with_the_covariance(shared, correlation, n):
     run = np.random.default_rng(n).standard_normal((3, n))
     expected = solve_triangular(root, run.T, lower=True).T
     np.testing.assert_allclose(_whiten(colour, run), expected, atol=2e-3)
-    assert colour.sum_log_sd(n) == pytest.approx(np.log(np.diag(root)).sum(), abs=2e-3 * (1 + n / 800))
+    assert np.log(colour.build_filter(np.array([[0, n]])).sd).sum() == pytest.approx(
+        np.log(np.diag(root)).sum(), abs=2e-3 * (1 + n / 800)
+    )
 
 
 def test_slow_shift_of_a_short_run_has_its_correct_weight():
@@ -48,7 +50,27 @@ def test_slow_shift_of_a_short_run_has_its_correct_weight():
 def test_uncorrelated_noise_is_unchanged():
     for colour in (Ar1Noise(np.ones(5), 1.0, 0.0, True), Ar1Noise(np.ones(5), 0.0, 0.9, True)):
         assert colour.build_filter(np.array([[0, 5]])) is None
-        assert colour.sum_log_sd(5) == 0.0
+
+
+def test_noise_that_differs_between_samples_agrees_with_its_covariance():
+    rng = np.random.default_rng(5)
+    fraction, rho = rng.uniform(0.2, 1.0, 60), rng.uniform(0.1, 0.9, 60)
+    # The product of the correlations between two samples.
+    between = np.concatenate([[0.0], np.cumsum(np.log(rho[1:]))])
+    covariance = np.exp(-np.abs(between[:, None] - between)) * np.sqrt(np.outer(fraction, fraction))
+    np.fill_diagonal(covariance, 1.0)
+    noise = Ar1Noise(np.ones(60), 0.6, 0.5, True, by_sample=SampleNoise(fraction, rho))
+    samples = rng.standard_normal((3, 60))
+    run_filter = noise.build_filter(np.array([[0, 60]]), np.arange(60))
+    root = cholesky(covariance, lower=True)
+    np.testing.assert_allclose(
+        run_filter.whiten(samples), solve_triangular(root, samples.T, lower=True).T, atol=1e-9
+    )
+    assert np.log(run_filter.sd).sum() == pytest.approx(np.log(np.diag(root)).sum(), abs=1e-9)
+    # A run of some of the samples has the same noise.
+    part = noise.build_filter(np.array([[0, 20]]), np.arange(30, 50)).whiten(samples[:, 30:50])
+    root = cholesky(covariance[30:50, 30:50], lower=True)
+    np.testing.assert_allclose(part, solve_triangular(root, samples[:, 30:50].T, lower=True).T, atol=1e-9)
 
 
 def test_filter_restarts_at_each_run():
