@@ -242,10 +242,11 @@ def swap_mechanisms(search: MechanismSearch, fit: ModelFit) -> ModelFit:
     The last mechanism was chosen with the noise of the model without it. The residual of that model can have
     a large misfit, which changes its noise.
     """
-    for candidate in fit.mechanisms:
-        k = fit.mechanisms.index(candidate)
+    # A swap changes the order of the mechanisms and the forms of all, but not the ids of the others.
+    for id in fit.ids:
+        k = fit.ids.index(id)
         reduced_fit = fit_without_mechanism(search.problem, fit, k)
-        rivals = fit_replacements(search.problem, reduced_fit, candidate, search.candidates)
+        rivals = fit_replacements(search.problem, reduced_fit, fit.mechanisms[k], search.candidates)
         trials = refit_most_promising(
             search.problem,
             reduced_fit,

@@ -60,9 +60,10 @@ def test_a_mechanism_without_an_effect_is_removed():
     assert mechanism.id == "bladder_elasticity"
 
 
-def test_a_mechanism_is_replaced_when_the_noise_is_known():
+@pytest.mark.parametrize("others", [[], ["force_offset"]])
+def test_a_mechanism_is_replaced_when_the_noise_is_known(others):
     # The noise at the baseline, with all of the misfit, can prefer relaxation.
     definition = BankRecording(1, only="braid_friction", smallest=8.0, largest=8.0)
     search = build_search(build_library_problem(simulate_bank(definition).case))
-    fit = fit_ids(search, ["viscoelastic_creep"])
-    assert swap_mechanisms(search, fit).ids == ("braid_friction",)
+    fit = fit_ids(search, ["viscoelastic_creep", *others])
+    assert set(swap_mechanisms(search, fit).ids) >= {"braid_friction"}
