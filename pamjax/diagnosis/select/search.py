@@ -204,7 +204,9 @@ def _add_candidates(
         best = best or fit_best_candidate(search, form_error_fit, directions)
         if best is None or not search.is_worthwhile(form_error_fit, best, may_be_small):
             return fit, best
-        fit = swap_mechanisms(search, _refit_in_best_forms(search, best))
+        added = search.refit(best)
+        chosen = choose_forms(search.problem, added, search.candidates)
+        fit = swap_mechanisms(search, added if chosen is added else search.refit(chosen))
         directions, best = None, None
     return fit, None
 
@@ -242,7 +244,7 @@ def swap_mechanisms(search: MechanismSearch, fit: ModelFit) -> ModelFit:
     The last mechanism was chosen with the noise of the model without it. The residual of that model can have
     a large misfit, which changes its noise.
     """
-    # A swap changes the order of the mechanisms and the forms of all, but not the ids of the others.
+    # A swap changes the order of the mechanisms, but not the ids of the others.
     for id in fit.ids:
         k = fit.ids.index(id)
         reduced_fit = fit_without_mechanism(search.problem, fit, k)
@@ -253,15 +255,8 @@ def swap_mechanisms(search: MechanismSearch, fit: ModelFit) -> ModelFit:
             [rival for rival in rivals if rival.bic < compute_rough_limit(reduced_fit, fit)],
         )
         if trials and trials[0].bic < fit.bic - search.settings.tie_chi2:
-            fit = _refit_in_best_forms(search, trials[0])
+            fit = search.refit(trials[0])
     return fit
-
-
-def _refit_in_best_forms(search: MechanismSearch, fit: ModelFit) -> ModelFit:
-    """Return the fit with noise from its own residual, and each mechanism in its best form."""
-    refitted = search.refit(fit)
-    chosen = choose_forms(search.problem, refitted, search.candidates)
-    return refitted if chosen is refitted else search.refit(chosen)
 
 
 def prune_mechanisms(search: MechanismSearch, fit: ModelFit, may_be_small: bool = False) -> ModelFit:
