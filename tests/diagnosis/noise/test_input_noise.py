@@ -56,6 +56,7 @@ class Delayed:
     names: tuple[str, ...] = ("channel_lag.lag",)
     n: int = ROWS
     settings: DiagnosisSettings = DEFAULT_SETTINGS
+    samples: None = None
 
     def find_active_mechanisms(self, values):
         return {"channel_lag"} if values[0] else set()
