@@ -25,11 +25,11 @@ import numpy as np
 from pamjax.infer.noise.ar1_filter import Ar1Noise, SampleNoise
 from pamjax.infer.noise.estimate import find_runs
 from pamjax.infer.noise.noise_model import NoiseModel
-from pamjax.infer.noise.sensor_posterior import SensorPosterior
+from pamjax.infer.noise.sensor_posterior import CORRELATION_GRID, SensorPosterior
 from pamjax.records.row_averages import RowAverages
 
 #: Smallest and largest correlation of neighbouring samples: estimates by chance can be outside.
-_CORRELATION_RANGE = -0.9, 0.98
+_CORRELATION_RANGE = -0.9, float(CORRELATION_GRID[-1])
 
 
 def average_noise(

@@ -57,15 +57,15 @@ class SampleNoise:
         # The state is the autocorrelated part itself, and not relative to its sd.
         factor = rho.copy()
         factor[1:] *= np.sqrt(fraction[1:] / np.maximum(fraction[:-1], 1e-12))
-        driving_variance = fraction * (1 - rho**2)
-        feedback, variance = np.zeros(rho.size), np.ones(rho.size)
-        p = remaining = 0.0
-        for k in range(rho.size):
-            feedback[k] = factor[k] * remaining
-            p = factor[k] ** 2 * p * remaining + driving_variance[k]
-            variance[k] = p + 1 - fraction[k]
-            remaining = (1 - fraction[k]) / variance[k]
-        return RunFilter(factor, feedback, np.sqrt(variance))
+        feedback, variance, p, remaining = [], [], 0.0, 0.0
+        # Lists: single elements of arrays are slow.
+        values = (x.tolist() for x in (factor, fraction * (1 - rho**2), 1 - fraction))
+        for phi, driving_variance, white in zip(*values, strict=True):
+            feedback.append(phi * remaining)
+            p = phi**2 * p * remaining + driving_variance
+            variance.append(p + white)
+            remaining = white / (p + white)
+        return RunFilter(factor, np.array(feedback), np.sqrt(variance))
 
 
 @dataclass(frozen=True)
