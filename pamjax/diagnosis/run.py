@@ -34,17 +34,19 @@ from pamjax.diagnosis.form_errors.prediction import (
 from pamjax.diagnosis.form_errors.uncertainty import include_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.experiment import Experiment, propose_experiments
+from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed
 from pamjax.diagnosis.noise.noise_ratios import compute_noise_ratios, format_noise_notes, list_unstated_inputs
 from pamjax.diagnosis.notes import format_notes
 from pamjax.diagnosis.outside.template_context import get_template_builder
 from pamjax.diagnosis.outside.template_fits import Likeness, list_likenesses
 from pamjax.diagnosis.outside.templates import TemplateBuilder
+from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.saved_form_errors import build_saved_form_errors
 from pamjax.diagnosis.search_rows import DiagnosedRows
-from pamjax.diagnosis.select.model_averaging import average_models
+from pamjax.diagnosis.select.model_averaging import add_input_noise_bias, average_models
 from pamjax.diagnosis.select.selection import (
     Selection,
     format_masked_mechanisms,
@@ -65,6 +67,7 @@ class _FinalFit:
         selection: the mechanisms, with the sizes of their form errors.
         baseline: the baseline.
         model: the fit with the mechanisms.
+        search_model: the fit with the mechanisms to all rows of the search.
         form_errors: their form errors.
         form_error_model: their form errors for other recordings; None if there are none.
     """
@@ -72,6 +75,7 @@ class _FinalFit:
     selection: Selection
     baseline: ModelFit
     model: ModelFit
+    search_model: ModelFit
     form_errors: dict[str, FormErrorPart]
     form_error_model: FormErrorModel | None = None
 
@@ -128,7 +132,7 @@ def _diagnose_rows(rows: DiagnosedRows, seed: int, progress: Progress) -> Diagno
     checked_selection = compare_with_templates(training, selection, build_templates_at)
     cross_validated_selection = cross_validate_on_blocks(training, checked_selection)
     confirmed_selection, held_out_test = check_on_held_out_rows(rows, training, cross_validated_selection)
-    final_fit = _fit_all_rows(rows.problem, confirmed_selection.selection)
+    final_fit = _fit_all_rows(rows, confirmed_selection.selection)
     notes = [
         *confirmed_selection.replacement_notes,
         *format_dropped_mechanisms(checked_selection.selection, cross_validated_selection.selection),
@@ -136,7 +140,10 @@ def _diagnose_rows(rows: DiagnosedRows, seed: int, progress: Progress) -> Diagno
         *format_masked_mechanisms(confirmed_selection.selection, settings),
     ]
     progress("proposing experiments", 0.9)
-    experiments = propose_experiments(rows.problem, final_fit.model, final_fit.selection.named_mechanisms)
+    testbed = SimulatedTestbed.from_fit(rows.problem, final_fit.model)
+    experiments = propose_experiments(
+        testbed, search_problem, final_fit.search_model, final_fit.selection.named_mechanisms
+    )
     diagnosis = _build_diagnosis(
         rows, training, confirmed_selection, held_out_test, final_fit, build_templates_at, experiments, notes
     )
@@ -210,23 +217,44 @@ def _list_likenesses(
     return list_likenesses(problem, build_templates_at, fit)
 
 
-def _fit_all_rows(problem: LibraryProblem, selection: Selection) -> _FinalFit:
+def _fit_all_rows(rows: DiagnosedRows, selection: Selection) -> _FinalFit:
     """Return the baseline and the model with the selected mechanisms, refitted to all rows."""
-    all_rows = np.ones(problem.n, dtype=bool)
+    problem, all_rows = rows.problem, np.ones(rows.problem.n, dtype=bool)
     # The reported baseline is that of `fit`, which takes the noise as stated.
     baseline = fit_model(problem, all_rows, (), selection.baseline.estimate.values, max_noise_ratio=1.0)
     if not selection.named_mechanisms:
-        return _FinalFit(selection, baseline, baseline, {})
-    model = fit_noise_correlation(problem, fit_selection(problem, selection, all_rows))
-    model = average_models(problem, model, selection.named_mechanisms)
+        return _FinalFit(selection, baseline, baseline, baseline, {})
+    search_model, model = _fit_selected_mechanisms(rows, selection)
     form_error_fit = add_form_errors(problem, model)
     form_errors = describe_form_errors(problem, form_error_fit)
     return _FinalFit(
         _add_form_error_ratios(selection, form_errors),
         baseline,
         include_form_errors(model, form_error_fit),
+        search_model,
         form_errors,
         build_saved_form_errors(problem, form_error_fit),
+    )
+
+
+def _fit_selected_mechanisms(rows: DiagnosedRows, selection: Selection) -> tuple[ModelFit, ModelFit]:
+    """Return the model with the selected mechanisms, fitted to all rows of the search and to all rows.
+
+    The refits of other models, which need the most time, use the rows of the search.
+    """
+    problem, search_problem = rows.problem, rows.search_problem
+    search_fit = fit_selection(search_problem, selection, np.ones(search_problem.n, dtype=bool))
+    search_model = average_models(
+        search_problem, fit_noise_correlation(search_problem, search_fit), selection.named_mechanisms
+    )
+    if search_problem is problem:
+        return search_model, search_model
+    fit = fit_with_misfit_weight(
+        problem, np.ones(problem.n, dtype=bool), search_model.mechanisms, search_model.estimate.values
+    )
+    return search_model, replace(
+        add_input_noise_bias(problem, fit_noise_correlation(problem, fit)),
+        between_model_covariance=search_model.between_model_covariance,
     )
 
 

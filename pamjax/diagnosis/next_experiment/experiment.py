@@ -59,13 +59,17 @@ class Experiment:
 
 
 def propose_experiments(
-    problem: LibraryProblem, fit: ModelFit, named_mechanisms: Sequence[NamedMechanism]
+    testbed: SimulatedTestbed,
+    problem: LibraryProblem,
+    fit: ModelFit,
+    named_mechanisms: Sequence[NamedMechanism],
 ) -> list[Experiment]:
     """Return protocols that distinguish each identified mechanism from its indistinguishable rivals.
 
     Args:
-        problem: the recording and the library.
-        fit: the refitted model with the identified mechanisms.
+        testbed: muscle, rig and noise of the recording.
+        problem: the recording and the library; its rows can be means of those of the testbed.
+        fit: the model with the identified mechanisms, refitted to this problem.
         named_mechanisms: the identified mechanisms with their rivals.
 
     Returns:
@@ -84,7 +88,6 @@ def propose_experiments(
     ]
     if not pairs:
         return []
-    testbed = SimulatedTestbed.from_fit(problem, fit)
     best = {}
     for name, rival in pairs:
         rival_fit = fit_rival(problem, fit, name, rival)

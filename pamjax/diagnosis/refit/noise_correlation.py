@@ -37,9 +37,10 @@ def fit_noise_correlation(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
 
     Args:
         problem: the recording and the library.
-        fit: the fit; unchanged if it has systematic misfit or no sensor's noise is stated.
+        fit: the fit; unchanged if it has systematic misfit or no sensor's noise is stated, and unchanged
+            if its rows are means: their noise is that of the samples.
     """
-    if fit.noise.weight != 1:
+    if fit.noise.weight != 1 or problem.samples is not None:
         return fit
     compute_deviance, noise = _build_restricted_deviance(problem, fit), fit.noise
     for _ in range(problem.settings.correlation_sweeps):

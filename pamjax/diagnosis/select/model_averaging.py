@@ -74,13 +74,18 @@ def average_models(
         shift for mechanism in named_mechanisms for shift in _weigh_indistinguishable(problem, fit, mechanism)
     ]
     free = list(fit.estimate.free)
+    between = sum((p * np.outer(shift[free], shift[free]) for p, shift in shifts), np.zeros((len(free),) * 2))
+    return replace(add_input_noise_bias(problem, fit), between_model_covariance=between)
+
+
+def add_input_noise_bias(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
+    """Return the fit with its bias due to input noise; zero for a fit with misfit weights."""
     bias = (
         estimate_input_noise_bias(problem, fit.noise, fit.estimate)
         if fit.noise.weight == 1
-        else np.zeros(len(free))
+        else np.zeros(len(fit.estimate.free))
     )
-    between = sum((p * np.outer(shift[free], shift[free]) for p, shift in shifts), np.zeros((len(free),) * 2))
-    return replace(fit, between_model_covariance=between, errors_in_variables_bias=bias)
+    return replace(fit, errors_in_variables_bias=bias)
 
 
 def _build_starts(problem: LibraryProblem, fit: ModelFit) -> list[np.ndarray]:
