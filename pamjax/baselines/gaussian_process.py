@@ -16,7 +16,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from pamjax.diagnosis.detect.regions import SHORTENING, build_axes
+from pamjax.diagnosis.detect.recording_axes import SHORTENING, build_axes
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 
 #: Largest number of training rows, evenly selected: the cost grows with their cube.

@@ -59,7 +59,7 @@ def _compare_with_key(bank_recording: BankRecording, diagnosis: Diagnosis) -> di
     named_ids = tuple(name.id for name in names)
     ties = tuple(tuple(name.indistinguishable) for name in names)
     return {
-        "p_value": diagnosis.mismatch.p_value,
+        "p_value": diagnosis.baseline_test.p_value,
         "named": named_ids,
         "ties": ties,
         "probabilities": tuple(float(name.probability) for name in names),

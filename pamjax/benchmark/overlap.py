@@ -1,8 +1,8 @@
-"""Overlap of reported boxes with the true boxes of injected effects (intersection over union).
+"""Overlap of reported regions with the true regions of injected effects (intersection over union).
 
-On each axis a true box contains the middle 90 % of the squared effect over noise variance. The overlap of
-two boxes of one channel is the product of intersection over union on pressure, contraction, time and
-direction. Boxes of different channels have no overlap.
+On each axis a true region contains the middle 90 % of the squared effect over noise variance. The overlap of
+two regions of one channel is the product of intersection over union on pressure, contraction, time and
+direction. Regions of different channels have no overlap.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pamjax.diagnosis.detect.locate import Box
-from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, RecordingAxes
+from pamjax.diagnosis.detect.locate import MisfitRegion
+from pamjax.diagnosis.detect.recording_axes import LENGTHENING, SHORTENING, RecordingAxes
 from pamjax.infer.problem.dataset import CHANNELS
 
-#: Share of a squared effect outside a box at each end, and smallest share for a motion.
-_TRUE_BOX_TAIL_SHARE, _MIN_TRUE_MOTION_SHARE = 0.05, 0.15
-#: Smallest rms on a channel over the largest, for a box on that channel.
-_MIN_TRUE_BOX_RMS_RATIO = 0.5
+#: Share of a squared effect outside a region at each end, and smallest share for a motion.
+_TRUE_REGION_TAIL_SHARE, _MIN_TRUE_MOTION_SHARE = 0.05, 0.15
+#: Smallest rms on a channel over the largest, for a region on that channel.
+_MIN_TRUE_REGION_RMS_RATIO = 0.5
 #: Intervals shorter than this share of the recorded range are widened to it, so that points can match.
 _MIN_INTERVAL_SHARE = 0.02
 
@@ -27,18 +27,18 @@ _MOTION_SETS = {
     "lengthening": {LENGTHENING},
     "both": {SHORTENING, LENGTHENING},
 }
-_BOX_AXES = ("pressure", "contraction", "time")
+_REGION_AXES = ("pressure", "contraction", "time")
 
 
-def compute_true_boxes(axes: RecordingAxes, effects: np.ndarray, noise: np.ndarray) -> list[Box]:
-    """Return the true boxes of effects.
+def compute_true_regions(axes: RecordingAxes, effects: np.ndarray, noise: np.ndarray) -> list[MisfitRegion]:
+    """Return the true regions of effects.
 
     Args:
         axes: pressure, contraction, time and motion of every row.
         effects: (k, 2, n) effects, SI; NaN where not measured.
         noise: (2, n) standard deviation of a sample, SI.
     """
-    boxes = []
+    regions = []
     for effect in effects:
         square = np.nan_to_num((effect / noise) ** 2)
         measured = [max(int(np.isfinite(channel_square).sum()), 1) for channel_square in effect]
@@ -47,13 +47,13 @@ def compute_true_boxes(axes: RecordingAxes, effects: np.ndarray, noise: np.ndarr
             for channel_square, sample_count in zip(square, measured, strict=True)
         ]
         for c, size in enumerate(sizes):
-            if size > 0 and size >= _MIN_TRUE_BOX_RMS_RATIO * max(sizes):
-                boxes.append(_build_true_box(axes, CHANNELS[c], square[c]))
-    return boxes
+            if size > 0 and size >= _MIN_TRUE_REGION_RMS_RATIO * max(sizes):
+                regions.append(_build_true_region(axes, CHANNELS[c], square[c]))
+    return regions
 
 
-def _build_true_box(axes: RecordingAxes, channel: str, square: np.ndarray) -> Box:
-    spans = [_compute_middle_range(getattr(axes, axis), square) for axis in _BOX_AXES]
+def _build_true_region(axes: RecordingAxes, channel: str, square: np.ndarray) -> MisfitRegion:
+    spans = [_compute_middle_range(getattr(axes, axis), square) for axis in _REGION_AXES]
     moving = {way: float(square[axes.motion == way].sum()) for way in (SHORTENING, LENGTHENING)}
     motion, both = "both", sum(moving.values())
     if both >= 0.5 * square.sum():
@@ -61,7 +61,7 @@ def _build_true_box(axes: RecordingAxes, channel: str, square: np.ndarray) -> Bo
             motion = "lengthening"
         elif moving[LENGTHENING] < _MIN_TRUE_MOTION_SHARE * both:
             motion = "shortening"
-    return Box(channel, motion, spans[0], spans[1], spans[2], 1.0, "")
+    return MisfitRegion(channel, motion, spans[0], spans[1], spans[2], 1.0, "")
 
 
 def _compute_middle_range(values: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
@@ -69,29 +69,40 @@ def _compute_middle_range(values: np.ndarray, weights: np.ndarray) -> tuple[floa
     share = np.cumsum(weights[order]) / weights.sum()
     low, high = (
         min(int(np.searchsorted(share, edge)), order.size - 1)
-        for edge in (_TRUE_BOX_TAIL_SHARE, 1 - _TRUE_BOX_TAIL_SHARE)
+        for edge in (_TRUE_REGION_TAIL_SHARE, 1 - _TRUE_REGION_TAIL_SHARE)
     )
     return float(values[order][low]), float(values[order][high])
 
 
-def compute_overlap(axes: RecordingAxes, claims: Sequence[Box], boxes: Sequence[Box]) -> float:
-    """Return the largest overlap of any reported box with any true box."""
+def compute_overlap(
+    axes: RecordingAxes, claims: Sequence[MisfitRegion], regions: Sequence[MisfitRegion]
+) -> float:
+    """Return the largest overlap of any reported region with any true region."""
     domain = _compute_domain(axes)
-    return max((_compute_box_overlap(claim, box, domain) for claim in claims for box in boxes), default=0.0)
+    return max(
+        (_compute_region_overlap(claim, region, domain) for claim in claims for region in regions),
+        default=0.0,
+    )
 
 
-def compute_blind_overlap(axes: RecordingAxes, boxes: Sequence[Box]) -> float:
-    """Return the overlap of a box over the whole recording, for comparison."""
+def compute_blind_overlap(axes: RecordingAxes, regions: Sequence[MisfitRegion]) -> float:
+    """Return the overlap of a region over the whole recording, for comparison."""
     pressure, contraction, time = (span for span in _compute_domain(axes).values())
-    whole_recording = [Box(channel, "both", pressure, contraction, time, 1.0, "") for channel in CHANNELS]
-    return compute_overlap(axes, whole_recording, boxes)
+    whole_recording = [
+        MisfitRegion(channel, "both", pressure, contraction, time, 1.0, "") for channel in CHANNELS
+    ]
+    return compute_overlap(axes, whole_recording, regions)
 
 
 def _compute_domain(axes: RecordingAxes) -> dict[str, tuple[float, float]]:
-    return {axis: (float(np.min(v)), float(np.max(v))) for axis in _BOX_AXES for v in (getattr(axes, axis),)}
+    return {
+        axis: (float(np.min(v)), float(np.max(v))) for axis in _REGION_AXES for v in (getattr(axes, axis),)
+    }
 
 
-def _compute_box_overlap(claim: Box, other: Box, domain: dict[str, tuple[float, float]]) -> float:
+def _compute_region_overlap(
+    claim: MisfitRegion, other: MisfitRegion, domain: dict[str, tuple[float, float]]
+) -> float:
     if claim.channel != other.channel:
         return 0.0
     shared_count, total_count = (

@@ -265,10 +265,10 @@ def _tabulate_quantities(trials: Sequence[Trial]) -> list[TableLine]:
         )
     )
     lines += _tabulate_medians(scored_trials)
-    boxes = [t for t in effect_trials if t.iou is not None]
-    if boxes:
-        blind, mean_overlap = (np.mean([getattr(t, word) for t in boxes]) for word in ("iou_blind", "iou"))
-        error = np.std([t.iou for t in boxes if t.iou is not None]) / np.sqrt(len(boxes))
+    regions = [t for t in effect_trials if t.iou is not None]
+    if regions:
+        blind, mean_overlap = (np.mean([getattr(t, word) for t in regions]) for word in ("iou_blind", "iou"))
+        error = np.std([t.iou for t in regions if t.iou is not None]) / np.sqrt(len(regions))
         text = f"{mean_overlap:.2f} ± {error:.2f}; whole recording {blind:.2f}"
         lines.append(TableLine("located region: mean overlap with a true region", None, text, "", ">= 0.75"))
     return [line for line in lines if line.rate is None or line.rate.total]

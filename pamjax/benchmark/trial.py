@@ -14,9 +14,9 @@ from pamjax.baselines.gaussian_process import build_inputs, predict_discrepancy
 from pamjax.baselines.stepwise_bic import select_by_bic
 from pamjax.benchmark.indistinguishable import is_indistinguishable
 from pamjax.benchmark.inject_effect import GroundTruth, inject_effects
-from pamjax.benchmark.overlap import compute_blind_overlap, compute_overlap, compute_true_boxes
+from pamjax.benchmark.overlap import compute_blind_overlap, compute_overlap, compute_true_regions
 from pamjax.benchmark.setups import draw_setup
-from pamjax.diagnosis.detect.regions import build_axes
+from pamjax.diagnosis.detect.recording_axes import build_axes
 from pamjax.diagnosis.detect.residual_test import run_baseline_test
 from pamjax.diagnosis.detect.significance import ResidualTest
 from pamjax.diagnosis.library.library_problem import build_library_problem
@@ -109,8 +109,8 @@ class Trial:
         unexplained_probability: that an effect outside the library is present, in the bank of other forms.
         unexplained_reason: the clause that states why a part is unexplained, in that bank, or "".
         before, after: held-out rmse over effective noise by channel, of the baseline and of the final model.
-        iou: overlap of the located box with a true box; None without a true box.
-        iou_blind: overlap of a box over the whole recording.
+        iou: overlap of the located region with a true region; None without a true region.
+        iou_blind: overlap of a region over the whole recording.
         parameters: parameters of right mechanisms and of the baseline.
         selected: ids selected by BIC with independent noise; None if not evaluated.
         selected_after, curve_after: held-out rmse of force over noise, of that selection and of a Gaussian
@@ -280,7 +280,7 @@ def _compare_with_truth(
     names = diagnosis.named_mechanisms
     noise = _compute_noise_sd(diagnosis)
     values: dict[str, Any] = {
-        "p_value": diagnosis.mismatch.p_value,
+        "p_value": diagnosis.baseline_test.p_value,
         "named": tuple(name.id for name in names),
         "ties": tuple(tuple(name.indistinguishable) for name in names),
         "probabilities": tuple(float(name.probability) for name in names),
@@ -291,12 +291,12 @@ def _compare_with_truth(
         "parameters": tuple(_compare_parameters(ground_truth, diagnosis)),
     }
     axes = build_axes(diagnosis.problem)
-    boxes = compute_true_boxes(axes, ground_truth.effects, noise)
-    if boxes:
-        claims = diagnosis.mismatch_boxes if diagnosis.is_detected else []
+    regions = compute_true_regions(axes, ground_truth.effects, noise)
+    if regions:
+        claims = diagnosis.misfit_regions if diagnosis.is_detected else []
         values |= {
-            "iou": compute_overlap(axes, claims, boxes),
-            "iou_blind": compute_blind_overlap(axes, boxes),
+            "iou": compute_overlap(axes, claims, regions),
+            "iou_blind": compute_blind_overlap(axes, regions),
         }
     return values | (_fit_competitors(diagnosis, noise) if with_competitors else {})
 

@@ -51,7 +51,7 @@ class Training:
         mask: (n,) whether a row is used in the fits, and not held out.
         blocks: isobars, holds or cycles of these rows.
         baseline: the baseline, fitted to the training rows.
-        mismatch: test of the baseline's residual on all rows, training and held-out.
+        baseline_test: test of the baseline's residual on all rows, training and held-out.
         seed: seed of the random draws for the p-values.
     """
 
@@ -59,13 +59,13 @@ class Training:
     mask: np.ndarray
     blocks: Blocks
     baseline: ModelFit
-    mismatch: ResidualTest
+    baseline_test: ResidualTest
     seed: int
 
     @property
     def is_detected(self) -> bool:
         """Return whether the misfit of the baseline is significant."""
-        return self.mismatch.p_value < self.problem.settings.detection_p_value
+        return self.baseline_test.p_value < self.problem.settings.detection_p_value
 
     @cached_property
     def training_test(self) -> ResidualTest:
@@ -107,8 +107,8 @@ def fit_baseline(rows: DiagnosedRows, seed: int) -> Training:
     """Return the fit of the baseline to the training rows, and its test on all rows of the search."""
     problem, mask = rows.search_problem, rows.training_mask[rows.search_rows]
     baseline = fit_model(problem, mask, (), problem.neutral)
-    mismatch = run_baseline_test(problem, baseline.estimate.values, seed)
-    return Training(problem, mask, rows.search_blocks, baseline, mismatch, seed)
+    baseline_test = run_baseline_test(problem, baseline.estimate.values, seed)
+    return Training(problem, mask, rows.search_blocks, baseline, baseline_test, seed)
 
 
 def compare_with_templates(
@@ -228,7 +228,7 @@ def _test_selection(
     training: Training, selection: Selection, replacement_notes: Sequence[str]
 ) -> CheckedSelection:
     """Return the selection with the test of its residual beyond form errors."""
-    problem, reference = training.problem, training.mismatch
+    problem, reference = training.problem, training.baseline_test
     residual_test = reference
     if selection.model.mechanisms:
         # Held-out rows, which the model does not fit, must not raise the limit of a large residual.

@@ -14,7 +14,7 @@ import pandas as pd
 
 from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.crossval.held_out_errors import HeldOutErrors, compute_rmse
-from pamjax.diagnosis.detect.locate import Box
+from pamjax.diagnosis.detect.locate import MisfitRegion
 from pamjax.diagnosis.detect.significance import ResidualTest
 from pamjax.diagnosis.estimates import ParameterEstimate, ParameterShift, build_parameter_estimate
 from pamjax.diagnosis.form_errors.prediction import ModelPrediction
@@ -52,12 +52,12 @@ class Diagnosis(DrawableResult, NotebookText):
         selection: the identified mechanisms, from the rows that are not held out.
         model: the model with the identified mechanisms, refitted to all rows.
         baseline: the baseline, refitted to all rows.
-        mismatch: test of the baseline's residual.
-        mismatch_boxes: location of the mismatch.
+        baseline_test: test of the baseline's residual.
+        misfit_regions: location of the misfit.
         residual_test: test of the residual of `model`.
         unexplained: whether a part of the misfit is explained by no mechanism of the library.
         likenesses: effects outside the library that this part resembles, most probable first.
-        residual_boxes: location of the unexplained part.
+        residual_regions: location of the unexplained part.
         residual_share: unexplained share of the excess misfit.
         noise_ratios: by channel, estimated over stated noise sd; None if no noise is stated.
         blocks: the blocks of the recording.
@@ -76,12 +76,12 @@ class Diagnosis(DrawableResult, NotebookText):
     selection: Selection
     model: ModelFit
     baseline: ModelFit
-    mismatch: ResidualTest
-    mismatch_boxes: list[Box]
+    baseline_test: ResidualTest
+    misfit_regions: list[MisfitRegion]
     residual_test: ResidualTest
     unexplained: bool
     likenesses: tuple[Likeness, ...]
-    residual_boxes: list[Box]
+    residual_regions: list[MisfitRegion]
     residual_share: float
     noise_ratios: dict[str, float | None]
     blocks: Blocks
@@ -114,7 +114,7 @@ class Diagnosis(DrawableResult, NotebookText):
     @property
     def is_detected(self) -> bool:
         """Return whether the misfit of the baseline is significant."""
-        return bool(self.mismatch.p_value < self.settings.detection_p_value)
+        return bool(self.baseline_test.p_value < self.settings.detection_p_value)
 
     @property
     def is_faint(self) -> bool:
@@ -134,8 +134,8 @@ class Diagnosis(DrawableResult, NotebookText):
             "noise": _serialise_noise(self),
             "mismatch": {
                 "detected": self.is_detected,
-                "p_value": self.mismatch.p_value,
-                "where": [_serialise_box(b) for b in self.mismatch_boxes] if self.is_detected else [],
+                "p_value": self.baseline_test.p_value,
+                "where": [_serialise_region(b) for b in self.misfit_regions] if self.is_detected else [],
             },
             "missing_physics": [_serialise_mechanism(self, mechanism) for mechanism in self.named_mechanisms],
             "unexplained": {
@@ -148,7 +148,7 @@ class Diagnosis(DrawableResult, NotebookText):
                     {"id": likeness.id, "probability": likeness.probability, "says": likeness.description}
                     for likeness in (self.likenesses if self.unexplained else ())
                 ],
-                "where": [_serialise_box(b) for b in self.residual_boxes] if self.unexplained else [],
+                "where": [_serialise_region(b) for b in self.residual_regions] if self.unexplained else [],
             },
             "improvement": {
                 "held_out": {"blocks": self.held_out_errors.block_description}
@@ -276,15 +276,15 @@ def _compute_correlation_time(problem: LibraryProblem, rows: np.ndarray, correla
     return float(-np.median(np.diff(time[rows])) / math.log(correlation))
 
 
-def _serialise_box(box: Box) -> dict[str, Any]:
+def _serialise_region(region: MisfitRegion) -> dict[str, Any]:
     return {
-        "channel": box.channel,
-        "direction": box.motion,
-        "pressure_kPa": [p / 1e3 for p in box.pressure],
-        "contraction": list(box.contraction),
-        "time_s": list(box.time),
-        "share": box.share,
-        "says": box.description,
+        "channel": region.channel,
+        "direction": region.motion,
+        "pressure_kPa": [p / 1e3 for p in region.pressure],
+        "contraction": list(region.contraction),
+        "time_s": list(region.time),
+        "share": region.share,
+        "says": region.description,
     }
 
 

@@ -171,8 +171,8 @@ def _build_diagnosis(
         selection=selection,
         model=model,
         baseline=baseline,
-        mismatch=training.mismatch,
-        mismatch_boxes=(
+        baseline_test=training.baseline_test,
+        misfit_regions=(
             locate_effects(problem, baseline, model)
             if selection.named_mechanisms
             else locate_residual(problem, baseline)
@@ -180,7 +180,7 @@ def _build_diagnosis(
         residual_test=confirmed_selection.residual_test,
         unexplained=unexplained,
         likenesses=_list_likenesses(training.problem, build_templates_at, selection) if unexplained else (),
-        residual_boxes=locate_residual(problem, model) if unexplained else [],
+        residual_regions=locate_residual(problem, model) if unexplained else [],
         residual_share=compute_residual_share(problem, baseline, model),
         noise_ratios=noise_ratios,
         blocks=rows.blocks,

@@ -165,13 +165,13 @@ class DiagnosisSettings:
         "less is reported as unexplained")
     ranges_per_axis: int = _detect(5, "count", 2, 100,
         "Test a shift of the mean in this many ranges of pressure and of contraction",
-        "smaller regions are detected; each needs a larger deviation")
+        "smaller subsets are tested; each needs a larger deviation")
     time_ranges: int = _detect(20, "count", 2, 1000,
         "Test a shift of the mean in this many intervals of time",
         "shorter events are detected; each needs a larger deviation")
-    min_samples_in_region: int = _detect(12, "count", 1, 10**6,
-        "Test a region if it has at least this many samples",
-        "small regions are not tested")
+    min_samples_in_subset: int = _detect(12, "count", 1, 10**6,
+        "Test a subset of the rows if it has at least this many samples",
+        "small subsets are not tested")
     min_speed_share: float = _detect(0.05, "share of the 95 % quantile of speed", 0.0, 1.0,
         "Treat the muscle as moving only if its speed exceeds this",
         "more samples count as at rest")
@@ -268,10 +268,10 @@ class DiagnosisSettings:
         "Drop a small effect if its amplitude is at its limit and exceeds this",
         "fewer small effects are dropped")
     max_starting_candidates: int = _select(9, "count", 1, 1000,
-        "Start a refit from each shape of a mechanism if it has at most this many shapes",
-        "slower; mechanisms with many shapes are included")
+        "Start a refit from each candidate of a mechanism if it has at most this many",
+        "slower; mechanisms with many candidates are included")
     alternative_fit_evaluations: int = _select(10, "count", 1, 1000,
-        "End a refit from another shape, or with a rival, after this many evaluations",
+        "End a refit from another candidate, or with a rival, after this many evaluations",
         "slower; the minima are more accurate")
     max_alternative_chi2: float = _select(20.0, "χ² with priors", 0.0, 1e6,
         "Include another minimum in the standard deviations if it increases χ² by less than this",
@@ -306,37 +306,37 @@ class DiagnosisSettings:
         "Hold out a block if the recording has at least this many blocks",
         "fewer recordings hold out a block")
 
-    # Report: the boxes of a mismatch.
-    box_low_quantile: float = _report(0.05, "share of the squared misfit", 0.0, 0.5,
-        "Begin a box at this quantile of the misfit on each axis",
-        "smaller boxes")
-    box_high_quantile: float = _report(0.95, "share of the squared misfit", 0.5, 1.0,
-        "End a box at this quantile of the misfit on each axis",
-        "larger boxes")
+    # Report: the regions of a misfit.
+    region_low_quantile: float = _report(0.05, "share of the squared misfit", 0.0, 0.5,
+        "Begin a region at this quantile of the misfit on each axis",
+        "smaller regions")
+    region_high_quantile: float = _report(0.95, "share of the squared misfit", 0.5, 1.0,
+        "End a region at this quantile of the misfit on each axis",
+        "larger regions")
     min_direction_share: float = _report(0.15, "share of the squared misfit", 0.0, 0.5,
-        "Include a direction of motion in a box if at least this share of its misfit has that direction",
-        "more boxes have one direction")
+        "Include a direction of motion in a region if at least this share of its misfit has that direction",
+        "more regions have one direction")
     min_moving_misfit_share: float = _report(0.5, "share of the squared misfit", 0.0, 1.0,
-        "Give a box one direction only if at least this share of its misfit occurs during motion",
-        "fewer boxes have one direction")
-    min_box_rms_ratio: float = _report(0.5, "share of the largest channel's rms", 0.0, 1.0,
-        "Report a box of an effect on a channel if its rms there is at least this",
-        "fewer boxes")
-    min_box_chi2: float = _report(4.0, "χ² of the effect", 0.0, 1e6,
-        "Report a box of an effect that the baseline does not absorb if its χ² is at least this",
-        "fewer boxes")
+        "Give a region one direction only if at least this share of its misfit occurs during motion",
+        "fewer regions have one direction")
+    min_region_rms_ratio: float = _report(0.5, "share of the largest channel's rms", 0.0, 1.0,
+        "Report a region of an effect on a channel if its rms there is at least this",
+        "fewer regions")
+    min_region_chi2: float = _report(4.0, "χ² of the effect", 0.0, 1e6,
+        "Report a region of an effect that the baseline does not absorb if its χ² is at least this",
+        "fewer regions")
     min_channel_excess_share: float = _report(0.2, "share of the largest channel's excess", 0.0, 1.0,
-        "Report a box of the unexplained misfit of a channel if that misfit is at least this",
-        "fewer boxes")
+        "Report a region of the unexplained misfit of a channel if that misfit is at least this",
+        "fewer regions")
     min_reported_noise_ratio: float = _report(1.15, "1", 1.0, 1e3,
         "Report the noise of a sensor if its ratio to the stated noise, or the inverse, exceeds this",
         "fewer notes on sensors")
-    max_boxes: int = _report(5, "count", 0, 5,
-        "Limit the number of boxes to this",
-        "more boxes")
+    max_regions: int = _report(5, "count", 0, 5,
+        "Limit the number of regions to this",
+        "more regions")
     smoothing_rows: int = _report(7, "count", 1, 10000,
         "Average squared residuals over this many rows",
-        "boxes are smoother")
+        "regions are smoother")
     min_one_sided_ratio: float = _report(0.4, "ratio of mean to rms", 0.0, 1.0,
         "Report one sign of a deviation if its mean is at least this",
         "fewer sentences state one sign")
@@ -346,13 +346,13 @@ class DiagnosisSettings:
     trend_end_share: float = _report(0.1, "share of the samples", 0.001, 0.5,
         "Average this share of the samples at each end of a trend",
         "the ends are averaged over more samples")
-    ranges_per_box: int = _report(5, "count", 2, 100,
+    ranges_per_region: int = _report(5, "count", 2, 100,
         "Require a sentence to be true in each of this many ranges of pressure and of contraction",
         "sentences must be true in smaller parts")
-    min_part_share: float = _report(0.02, "share of a box's rows", 0.0, 1.0,
-        "Require a sentence to be true in a part of a box if the part has at least this share of its rows",
+    min_part_share: float = _report(0.02, "share of a region's rows", 0.0, 1.0,
+        "Require a sentence to be true in a part of a region if the part has at least this share of its rows",
         "sentences need not be true in small parts")
-    min_part_distance_share: float = _report(0.2, "share of a box's range", 0.0, 1.0,
+    min_part_distance_share: float = _report(0.2, "share of a region's range", 0.0, 1.0,
         "State the places of two parts in a sentence if they are farther apart than this",
         "fewer sentences state places")
 
@@ -380,7 +380,7 @@ class DiagnosisSettings:
         "Compute a power from this many simulated protocols",
         "slower; the power is more accurate")
     rival_candidates_refitted: int = _next(3, "count", 1, 100,
-        "Refit this many shapes of a rival",
+        "Refit this many candidates of a rival",
         "slower; better fits of rivals")
     max_rivals_per_mechanism: int = _next(2, "count", 0, 100,
         "Propose protocols for at most this many rivals of a mechanism",

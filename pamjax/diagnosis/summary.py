@@ -53,13 +53,13 @@ def format_summary(diagnosis: Diagnosis) -> str:
 
 
 def _format_misfit(diagnosis: Diagnosis) -> Iterator[str]:
-    p_text = format_p_value(diagnosis.mismatch.p_value)
+    p_text = format_p_value(diagnosis.baseline_test.p_value)
     if not diagnosis.is_detected:
         yield f"  no systematic misfit detected ({p_text})"
         return
     yield f"  systematic misfit of the baseline ({p_text})"
-    for box in diagnosis.mismatch_boxes[:3]:
-        yield f"    {box.description} ({box.share:.0%} of the misfit)"
+    for region in diagnosis.misfit_regions[:3]:
+        yield f"    {region.description} ({region.share:.0%} of the misfit)"
 
 
 def _format_mechanism(diagnosis: Diagnosis, mechanism: NamedMechanism) -> Iterator[str]:
@@ -93,8 +93,8 @@ def _format_notes(diagnosis: Diagnosis) -> Iterator[str]:
 
 def _format_unexplained_part(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.is_faint:
-        rms = math.sqrt(max(diagnosis.mismatch.mean_square - 1, 0.0))
-        yield f"  too small to identify a mechanism: the rms is {rms:.2f} of the noise"
+        rms = math.sqrt(max(diagnosis.baseline_test.mean_square - 1, 0.0))
+        yield f"  the misfit is too small to identify a mechanism: its rms is {rms:.2f} times the noise"
     if not diagnosis.unexplained:
         return
     likeness = f"; like {diagnosis.likenesses[0].description}" if diagnosis.likenesses else ""
@@ -105,8 +105,8 @@ def _format_unexplained_part(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"    {reason}"
     if probability := describe_unexplained_probability(diagnosis):
         yield f"    {probability}"
-    for box in diagnosis.residual_boxes[:2]:
-        yield f"    {box.description}"
+    for region in diagnosis.residual_regions[:2]:
+        yield f"    {region.description}"
 
 
 def _format_held_out_errors(diagnosis: Diagnosis) -> Iterator[str]:
@@ -115,16 +115,16 @@ def _format_held_out_errors(diagnosis: Diagnosis) -> Iterator[str]:
         baseline_rmse, model_rmse = (
             to_display(channel, rmse[channel]) for rmse in (errors.baseline_rmse, errors.model_rmse)
         )
-        change = (
-            f"{format_number(baseline_rmse, 3)} -> {format_number(model_rmse, 3)} {DISPLAY_UNIT[channel]}"
-        )
-        if not diagnosis.named_mechanisms:
-            change = f"{format_number(baseline_rmse, 3)} {DISPLAY_UNIT[channel]} by the baseline"
+        unit, blocks = DISPLAY_UNIT[channel], errors.block_description.split(":")[0]
         noise = to_display(channel, diagnosis.model.noise.compute_rms_sd(channels.index(channel)))
-        blocks, expected = errors.block_description.split(":")[0], ""
+        parts = [f"baseline {format_number(baseline_rmse, 3)} {unit}"]
+        if diagnosis.named_mechanisms:
+            parts.append(f"with mechanisms {format_number(model_rmse, 3)} {unit}")
         if diagnosis.named_mechanisms and channel in errors.expected_rmse:
-            expected = f", expected {format_number(to_display(channel, errors.expected_rmse[channel]), 3)}"
-        yield f"  held-out rmse ({blocks}): {channel} {change}{expected}, noise {format_number(noise, 3)}"
+            expected = to_display(channel, errors.expected_rmse[channel])
+            parts.append(f"expected {format_number(expected, 3)} {unit}")
+        parts.append(f"noise {format_number(noise, 3)} {unit}")
+        yield f"  held-out rmse of {channel} ({blocks}): {', '.join(parts)}"
     if diagnosis.fails_held_out:
         yield (
             f"  the held-out error is {errors.largest_error_ratio:.1f} times the expected one: physics is"
@@ -147,7 +147,7 @@ def describe_unconfirmed(diagnosis: Diagnosis) -> str | None:
     if not diagnosis.named_mechanisms or errors.is_increased(diagnosis.settings) or not errors.is_larger:
         return None
     return (
-        "The mechanisms do not decrease the held-out error; the increase is within the noise."
+        "The held-out error is larger with the mechanisms, but the increase is within the noise."
         " These blocks do not confirm the mechanisms."
     )
 

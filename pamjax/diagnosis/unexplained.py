@@ -23,7 +23,9 @@ class UnexplainedReason(Enum):
 
     RESIDUAL = "the residual test is significant also with the mechanisms"
     TEMPLATE = "an effect outside the library explains the misfit better than a mechanism"
-    LEFT_OUT_BLOCKS = "the mechanisms do not predict most of the misfit of blocks that a fit leaves out"
+    LEFT_OUT_BLOCKS = (
+        "in cross-validation, the mechanisms do not explain most of the misfit of the left-out blocks"
+    )
     HELD_OUT_ERROR = "the error of the held-out blocks is much larger than expected"
     INCREASED_ERROR = "the mechanisms increase the error of the held-out blocks"
 

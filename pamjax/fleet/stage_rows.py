@@ -82,7 +82,7 @@ def _read_diagnosis(case: str, document: dict[str, Any], rows: Rows) -> dict[str
         for name, parameter in document["baseline"]["parameters"].items()
     ]
     unexplained = document["unexplained"]
-    rows["regions"] += [_build_region(case, box) for box in unexplained["where"]]
+    rows["regions"] += [_build_region(case, region) for region in unexplained["where"]]
     likeness = unexplained.get("likeness") or [{}]
     return {
         "baseline_law": document["baseline"]["model"],
@@ -104,17 +104,17 @@ def _build_parameter_row(case: str, source: str, name: str, parameter: dict[str,
     return {"case": case, "source": source, "name": name} | {k: parameter[k] for k in ("value", "sd", "unit")}
 
 
-def _build_region(case: str, box: dict[str, Any]) -> dict[str, Any]:
-    (pressure_low, pressure_high), (low, high) = box["pressure_kPa"], box["contraction"]
+def _build_region(case: str, region: dict[str, Any]) -> dict[str, Any]:
+    (pressure_low, pressure_high), (low, high) = region["pressure_kPa"], region["contraction"]
     return {
         "case": case,
-        "channel": box["channel"],
-        "direction": box["direction"],
+        "channel": region["channel"],
+        "direction": region["direction"],
         "pressure_low_kPa": pressure_low,
         "pressure_high_kPa": pressure_high,
         "contraction_low": low,
         "contraction_high": high,
-        "share": box["share"],
+        "share": region["share"],
     }
 
 

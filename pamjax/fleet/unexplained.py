@@ -78,15 +78,17 @@ def _find_common_region(regions: pd.DataFrame) -> CommonRegion | None:
     return best
 
 
-def _intersect(channel: str, direction: str, boxes: list[dict[str, Any]]) -> CommonRegion:
-    pressure = _build_centres(boxes, "pressure_low_kPa", "pressure_high_kPa")
-    contraction = _build_centres(boxes, "contraction_low", "contraction_high")
+def _intersect(channel: str, direction: str, regions: list[dict[str, Any]]) -> CommonRegion:
+    pressure = _build_centres(regions, "pressure_low_kPa", "pressure_high_kPa")
+    contraction = _build_centres(regions, "contraction_low", "contraction_high")
     covered: dict[str, np.ndarray] = {}
-    for box in boxes:
-        in_pressure = (pressure >= box["pressure_low_kPa"]) & (pressure <= box["pressure_high_kPa"])
-        in_contraction = (contraction >= box["contraction_low"]) & (contraction <= box["contraction_high"])
+    for region in regions:
+        in_pressure = (pressure >= region["pressure_low_kPa"]) & (pressure <= region["pressure_high_kPa"])
+        in_contraction = (contraction >= region["contraction_low"]) & (
+            contraction <= region["contraction_high"]
+        )
         inside = in_pressure[:, None] & in_contraction
-        covered[box["case"]] = covered.get(box["case"], False) | inside
+        covered[region["case"]] = covered.get(region["case"], False) | inside
     count = np.sum(list(covered.values()), axis=0)
     rows, columns = np.nonzero(count == count.max())
     return CommonRegion(
@@ -98,8 +100,8 @@ def _intersect(channel: str, direction: str, boxes: list[dict[str, Any]]) -> Com
     )
 
 
-def _build_centres(boxes: list[dict[str, Any]], low: str, high: str) -> np.ndarray:
-    """Return the centres of the cells between the lowest and the highest end of all boxes."""
-    ends = min(box[low] for box in boxes), max(box[high] for box in boxes)
+def _build_centres(regions: list[dict[str, Any]], low: str, high: str) -> np.ndarray:
+    """Return the centres of the cells between the lowest and the highest end of all regions."""
+    ends = min(region[low] for region in regions), max(region[high] for region in regions)
     step = (ends[1] - ends[0]) / _REGION_GRID
     return np.linspace(ends[0] + step / 2, ends[1] - step / 2, _REGION_GRID)

@@ -159,7 +159,7 @@ def list_certain_errors(diagnosis: Diagnosis, injected: Iterable[str]) -> list[s
     ]
 
 
-def check_no_mismatch(diagnosis: Diagnosis) -> None:
+def check_no_misfit(diagnosis: Diagnosis) -> None:
     """Assert that a diagnosis reports nothing."""
     assert not diagnosis.is_detected
     assert diagnosis.named_mechanisms == ()

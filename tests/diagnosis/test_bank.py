@@ -15,7 +15,7 @@ from tests.diagnosis.bank import (
     UNMODELLED_FORCES,
     BankRecording,
     check_identified,
-    check_no_mismatch,
+    check_no_misfit,
     check_unexplained,
     diagnose_bank,
     simulate_bank,
@@ -79,17 +79,17 @@ def test_no_mechanism_imitates_bending():
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9, 0.97])
-def test_noise_alone_is_no_mismatch(correlation):
-    check_no_mismatch(diagnose_bank(BankRecording(seed=0, correlation=correlation)))
+def test_noise_alone_is_no_misfit(correlation):
+    check_no_misfit(diagnose_bank(BankRecording(seed=0, correlation=correlation)))
 
 
 @pytest.mark.parametrize("ratio", [0.75, 2.0])
-def test_a_noisier_or_quieter_sensor_is_no_mismatch(ratio):
+def test_a_noisier_or_quieter_sensor_is_no_misfit(ratio):
     case = simulate_bank(BankRecording(seed=0, correlation=0.0)).case
     sensors = replace(case.muscle_toml.sensors, force=case.muscle_toml.sensors.force / ratio)
     misstated = replace(case, muscle_toml=replace(case.muscle_toml, sensors=sensors))
     diagnosis = diagnose(misstated)
-    check_no_mismatch(diagnosis)
+    check_no_misfit(diagnosis)
     # Noise of pressure is a part of the force noise, so that the ratio is closer to one.
     assert 1 < abs(np.log(ratio)) / abs(np.log(diagnosis.noise_ratios["force"])) < 4
     assert any("times the stated noise" in note for note in diagnosis.notes)

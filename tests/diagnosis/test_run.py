@@ -49,8 +49,8 @@ def test_misfit_of_held_out_rows_alone_is_unexplained():
     assert diagnosis.is_detected
     assert diagnosis.unexplained
     assert diagnosis.named_mechanisms == ()
-    (box,) = diagnosis.mismatch_boxes
-    assert box.channel == "force"
+    (region,) = diagnosis.misfit_regions
+    assert region.channel == "force"
     # Its likeness is that of the misfit of all rows, not of the training rows.
     assert [likeness.id for likeness in diagnosis.likenesses] == ["single_block"]
     reason = diagnosis.as_dict()["unexplained"]["reason"]

@@ -13,9 +13,10 @@ import pamjax
 from pamjax.diagnosis.crossval.block_cross_validation import _compute_explained_fraction
 from pamjax.diagnosis.crossval.held_out_errors import build_held_out_mask
 from pamjax.diagnosis.detect.locate import _find_motion
-from pamjax.diagnosis.detect.regions import RecordingAxes, split_into_regions
+from pamjax.diagnosis.detect.recording_axes import RecordingAxes
 from pamjax.diagnosis.detect.residual_test import is_residual_large, is_residual_significant
 from pamjax.diagnosis.detect.significance import ResidualTest
+from pamjax.diagnosis.detect.tested_subsets import split_into_subsets
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_parameters import _compute_limits
 from pamjax.diagnosis.next_experiment.experiment import Experiment, choose_experiment
@@ -50,7 +51,7 @@ DEFAULTS = {
     "min_misfit_mean_square": 1.5, "misfit_weighting_rounds": 2, "correlation_sweeps": 2,
     "min_correlation_change": 0.005, "detection_p_value": 0.01, "mean_square_level_share": 0.05,
     "significance_draws": 10000, "min_unexplained_rms": 0.3, "min_unexplained_rms_share": 0.15,
-    "ranges_per_axis": 5, "time_ranges": 20, "min_samples_in_region": 12, "min_speed_share": 0.05,
+    "ranges_per_axis": 5, "time_ranges": 20, "min_samples_in_subset": 12, "min_speed_share": 0.05,
     "min_speed_noise_sd": 4.5, "false_inclusion_probability": 1e-4, "min_excess_share": 0.2,
     "min_rms_share": 0.1, "complete_excess_share": 0.95, "min_small_rms_share": 0.025,
     "min_effect_rms": 0.25, "min_direction_chi2_share": 0.5, "max_form_share": 0.3, "shortlist_length": 6,
@@ -66,12 +67,12 @@ DEFAULTS = {
     "min_blocks_for_cross_validation": 3, "min_information_share": 0.05,
     "doubtful_certainty_share": 0.5, "max_held_out_error_ratio": 3.0,
     "held_out_interval": 5, "min_blocks_for_hold_out": 3,
-    "box_low_quantile": 0.05, "box_high_quantile": 0.95, "min_direction_share": 0.15,
-    "min_moving_misfit_share": 0.5, "min_box_rms_ratio": 0.5, "min_box_chi2": 4.0,
+    "region_low_quantile": 0.05, "region_high_quantile": 0.95, "min_direction_share": 0.15,
+    "min_moving_misfit_share": 0.5, "min_region_rms_ratio": 0.5, "min_region_chi2": 4.0,
     "min_channel_excess_share": 0.2,
     "min_reported_noise_ratio": 1.15, "min_stuck_readings": 3, "min_clipped_readings": 5,
-    "max_boxes": 5, "smoothing_rows": 7, "min_one_sided_ratio": 0.4, "min_trend_correlation": 0.9,
-    "trend_end_share": 0.1, "ranges_per_box": 5, "min_part_share": 0.02, "min_part_distance_share": 0.2,
+    "max_regions": 5, "smoothing_rows": 7, "min_one_sided_ratio": 0.4, "min_trend_correlation": 0.9,
+    "trend_end_share": 0.1, "ranges_per_region": 5, "min_part_share": 0.02, "min_part_distance_share": 0.2,
     "min_likeness": 0.05, "min_likeness_excess_share": 0.5,
     "false_alarm_rate": 0.05, "sufficient_power": 0.9, "power_draws": 4000,
     "rival_candidates_refitted": 3, "max_rivals_per_mechanism": 2, "max_rival_pairs": 4,
@@ -202,9 +203,9 @@ def count_held_out(settings):
     return int(build_held_out_mask(blocks, settings).sum())
 
 
-def count_regions(settings):
+def count_subsets(settings):
     axes = RecordingAxes(np.linspace(0, 1, 50), np.zeros(50), np.arange(50.0), np.zeros(50, int))
-    return len(split_into_regions(axes, settings))
+    return len(split_into_subsets(axes, settings))
 
 
 OFFER = [Experiment("short", ("a", "b"), 0.8, 5.0), Experiment("long", ("a", "b"), 0.95, 60.0)]
@@ -217,7 +218,7 @@ OFFER = [Experiment("short", ("a", "b"), 0.8, 5.0), Experiment("long", ("a", "b"
         (estimate_correlation, {"min_samples_for_correlation": 5000}, 0.6, 0.0),
         (compute_upper_limit, {"max_prior_deviation_sd": 1.0}, 1.3, 1.1),
         (count_parameters_at_limit, {"at_limit_range_share": 0.02}, 0, 1),
-        (count_regions, {"time_ranges": 10}, 5 + 1 + 20 + 5, 5 + 1 + 10 + 5),
+        (count_subsets, {"time_ranges": 10}, 5 + 1 + 20 + 5, 5 + 1 + 10 + 5),
         (lambda s: is_residual_large(FAINT, FAINT, s), {"min_unexplained_rms": 0.5}, True, False),
         (lambda s: is_residual_significant(FAINT, FAINT, s), {"detection_p_value": 1e-3}, True, False),
         (is_worthwhile, {"min_excess_share": 0.6}, True, False),

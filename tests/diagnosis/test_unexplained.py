@@ -25,8 +25,8 @@ def build_training(result):
         blocks=None,
         mask=None,
         seed=0,
-        mismatch=result.mismatch,
-        training_test=result.mismatch,
+        baseline_test=result.baseline_test,
+        training_test=result.baseline_test,
         is_detected=True,
     )
 
@@ -71,7 +71,7 @@ def test_held_out_rows_do_not_raise_the_limit_of_the_residual(monkeypatch):
     """A huge misfit of the held-out rows alone must not make that of the training rows look small."""
     result = diagnosis()
     training = build_training(result)
-    training.mismatch = replace(result.mismatch, mean_square=1e6)
+    training.baseline_test = replace(result.baseline_test, mean_square=1e6)
     residual_test = replace(result.residual_test, p_value=1e-9, mean_square=50.0)
     monkeypatch.setattr(checks, "run_residual_test", lambda *_: residual_test)
     monkeypatch.setattr(checks, "add_form_errors", lambda _, fit: fit)

@@ -77,7 +77,7 @@ def build_fit(value, sd, prior, at_limit=False):
 
 def build_diagnosis(mechanisms):
     """Return a diagnosis.json with mechanisms; "unexplained" adds unexplained misfit."""
-    box = {
+    region = {
         "channel": "force",
         "direction": "lengthening",
         "pressure_kPa": [100.0, 300.0],
@@ -104,6 +104,6 @@ def build_diagnosis(mechanisms):
             "detected": unexplained,
             "share": 0.4 if unexplained else 0.0,
             "likeness": [{"id": "eccentric_mount"}] if unexplained else [],
-            "where": [box] if unexplained else [],
+            "where": [region] if unexplained else [],
         },
     }

@@ -11,8 +11,8 @@ from pamjax.diagnosis.crossval.held_out_errors import (
     compute_held_out_errors,
     compute_rmse,
 )
-from pamjax.diagnosis.detect.locate import Box
-from pamjax.diagnosis.detect.regions import build_axes
+from pamjax.diagnosis.detect.locate import MisfitRegion
+from pamjax.diagnosis.detect.recording_axes import build_axes
 from pamjax.diagnosis.detect.significance import ResidualTest
 from pamjax.diagnosis.estimates import ParameterEstimate, ParameterShift
 from pamjax.diagnosis.form_errors.prediction import ModelPrediction
@@ -123,7 +123,7 @@ def diagnosis(
             form_error=0.12,
         )
     ]
-    box = _box(build_axes(problem))
+    region = _region(build_axes(problem))
     values = problem.predict(models[1].estimate.values)
     prediction = ModelPrediction(values, np.zeros_like(values), has_form_errors=False)
     return Diagnosis(
@@ -131,12 +131,12 @@ def diagnosis(
         selection=Selection(models[0], models[1], tuple(names) if named and detected else ()),
         model=models[1] if named and detected else models[0],
         baseline=models[0],
-        mismatch=ResidualTest(1e-40 if detected else 0.43, 30.0, 258, 90.0),
-        mismatch_boxes=[box],
+        baseline_test=ResidualTest(1e-40 if detected else 0.43, 30.0, 258, 90.0),
+        misfit_regions=[region],
         residual_test=ResidualTest(1e-6 if unexplained else 0.2, 3.0, 258, 1.1),
         unexplained=unexplained,
         likenesses=(Likeness("stop", 0.7, "a stop beyond 12.0 % contraction"),) if unexplained else (),
-        residual_boxes=[box],
+        residual_regions=[region],
         residual_share=0.12,
         noise_ratios={"force": 1.02, "diameter": None},
         blocks=blocks,
@@ -202,9 +202,9 @@ def _model(values, measured):
     )
 
 
-def _box(axes):
+def _region(axes):
     pressure, contraction, time = (
         (float(v.min()), float(v.max())) for v in (axes.pressure, axes.contraction, axes.time)
     )
     description = "Above 100 kPa, force is about 20 N higher while the muscle lengthens."
-    return Box("force", "lengthening", pressure, contraction, time, 0.63, description)
+    return MisfitRegion("force", "lengthening", pressure, contraction, time, 0.63, description)

@@ -1,1 +1,1 @@
-"""Detect and locate a mismatch."""
+"""Detect and locate a misfit."""

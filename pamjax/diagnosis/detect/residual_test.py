@@ -45,7 +45,7 @@ def run_residual_test(problem: LibraryProblem, fit: ModelFit, seed: int = 0) -> 
 
 
 def is_residual_significant(
-    mismatch: ResidualTest, residual_test: ResidualTest, settings: DiagnosisSettings
+    baseline_test: ResidualTest, residual_test: ResidualTest, settings: DiagnosisSettings
 ) -> bool:
     """Return whether a residual is significant and large: misfit that the mechanisms do not explain.
 
@@ -53,26 +53,26 @@ def is_residual_significant(
     error of a textbook equation and does not count as unexplained.
 
     Args:
-        mismatch: test of the baseline's residual.
+        baseline_test: test of the baseline's residual.
         residual_test: test of the model's residual.
         settings: thresholds of the diagnosis.
     """
     return residual_test.p_value < settings.detection_p_value and is_residual_large(
-        mismatch, residual_test, settings
+        baseline_test, residual_test, settings
     )
 
 
 def is_residual_large(
-    mismatch: ResidualTest, residual_test: ResidualTest, settings: DiagnosisSettings
+    baseline_test: ResidualTest, residual_test: ResidualTest, settings: DiagnosisSettings
 ) -> bool:
     """Return whether the rms of a residual is large compared with the noise and the baseline's residual."""
-    residual_excess, mismatch_excess = (
+    residual_excess, baseline_excess = (
         max(residual_test.mean_square - 1, 0.0),
-        max(mismatch.mean_square - 1, 0.0),
+        max(baseline_test.mean_square - 1, 0.0),
     )
     return bool(
         residual_excess
-        > max(settings.min_unexplained_rms**2, settings.min_unexplained_rms_share**2 * mismatch_excess)
+        > max(settings.min_unexplained_rms**2, settings.min_unexplained_rms_share**2 * baseline_excess)
     )
 
 

@@ -95,7 +95,7 @@ class _ResidualAtLimits:
     """Residual of a refit, fitted by amplitudes and by the parameters at their limits.
 
     A parameter at its limit cannot move beyond it, but it can move back. In a p-value it absorbs like all
-    others: a stated value that is wrong by three standard deviations is no mismatch.
+    others: a stated value that is wrong by three standard deviations is no misfit.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
 """One global p-value of a residual over all tested directions.
 
-The K directions are the score direction of every candidate and the shift of every region of the recording.
+The K directions are the score direction of every candidate and the shift of every subset of the recording.
 They are whitened unit vectors, without the part that the baseline's parameters absorb. If the baseline is
 right, the residual along each is a standard normal variable, with the correlations of the directions. For an
 amplitude that cannot be negative only the positive side counts. The noise is estimated from the recording, so
@@ -28,8 +28,8 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from pamjax.diagnosis.detect.mean_square import compute_mean_square_significance
-from pamjax.diagnosis.detect.regions import compute_region_shifts
 from pamjax.diagnosis.detect.score_test import NuisanceProjection, ScoreDirection
+from pamjax.diagnosis.detect.tested_subsets import compute_subset_shifts
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.uncertainty import NORMAL_NODES, NoiseUncertainty, estimate_noise_uncertainty
 from pamjax.diagnosis.refit.least_squares import MapEstimate
@@ -78,12 +78,12 @@ def compute_significance(
     score_directions = [
         score_direction for score_direction in score_directions if score_direction.unit_vectors.size
     ]
-    region_shifts = _normalise_rows(projection.remove_from(compute_region_shifts(problem, noise)))
+    subset_shifts = _normalise_rows(projection.remove_from(compute_subset_shifts(problem, noise)))
     directions = np.concatenate(
-        [*(score_direction.unit_vectors for score_direction in score_directions), region_shifts]
+        [*(score_direction.unit_vectors for score_direction in score_directions), subset_shifts]
     )
     is_two_sided = np.concatenate(
-        [*(s.is_two_sided for s in score_directions), np.ones(len(region_shifts), dtype=bool)]
+        [*(s.is_two_sided for s in score_directions), np.ones(len(subset_shifts), dtype=bool)]
     )
     has_direction = np.linalg.norm(directions, axis=1) > 0.5
     directions, is_two_sided = directions[has_direction], is_two_sided[has_direction]

@@ -1,7 +1,7 @@
 """Candidates: each mechanism with its amplitudes and a few starting values of its shape parameters.
 
 The derivative of the prediction with respect to an amplitude is the candidate's score direction. It depends
-on the shape parameters, for example a time or a distance. A few starting shapes cover the range of the
+on the shape parameters, for example a time or a distance. A few starting values cover the range of the
 recording. The refit then estimates the shape parameters too.
 """
 
@@ -21,7 +21,7 @@ from pamjax.model.registry import MECHANISMS
 
 @dataclass(frozen=True)
 class Candidate:
-    """A mechanism in one starting form: with one set of starting values of its shape parameters.
+    """A mechanism with one set of starting values of its shape parameters.
 
     Attributes:
         id: id of the mechanism.

@@ -1,1 +1,1 @@
-"""Select the mechanisms that explain a mismatch."""
+"""Select the mechanisms that explain a misfit."""

@@ -89,7 +89,7 @@ def add_input_noise_bias(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
 
 
 def _build_starts(problem: LibraryProblem, fit: ModelFit) -> list[np.ndarray]:
-    """Return starting values: each mechanism with each of its other starting shapes."""
+    """Return starting values: each mechanism with each set of its other starting values."""
     candidates, starts = build_candidates(problem), []
     for candidate in fit.mechanisms:
         others = [

@@ -31,7 +31,7 @@ class RivalFit:
 
     Attributes:
         probability: probability that the rival is present instead.
-        candidate: the rival, in its best starting form.
+        candidate: the rival, with its best starting values.
         values: (p,) refitted parameter values, SI.
     """
 

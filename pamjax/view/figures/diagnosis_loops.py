@@ -25,7 +25,7 @@ from pamjax.view.figures.layout import (
     iterate_lines,
     tint_colour,
 )
-from pamjax.view.figures.mismatch_map import find_main_channel
+from pamjax.view.figures.misfit_map import find_main_channel
 from pamjax.view.theme import (
     DOUBLE_COLUMN,
     OKABE_ITO,

@@ -1,4 +1,4 @@
-"""Story of a diagnosis in three steps: misfit of the baseline, name of its cause, better fit."""
+"""Three steps of a diagnosis: misfit of the baseline, missing mechanism, improved model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pamjax.model.registry import find_mechanism
 from pamjax.text import join_words
 from pamjax.units import compute_si_factor
 from pamjax.view.figures.layout import Layout, add_key, build_layout, create_mark, thin_points
-from pamjax.view.figures.mismatch_map import find_main_channel
+from pamjax.view.figures.misfit_map import find_main_channel
 from pamjax.view.theme import (
     DOUBLE_COLUMN,
     OKABE_ITO,
@@ -27,7 +27,7 @@ from pamjax.view.theme import (
 from pamjax.view.wording import wrap_title
 
 #: Largest number of other mechanisms in the second step.
-_MAX_STORY_RIVALS = 4
+_MAX_SHOWN_RIVALS = 4
 #: Width of a title, letters.
 _TITLE_LETTERS = 34
 
@@ -87,7 +87,7 @@ def _plot_residual(panel: Panel, residual: np.ndarray, row_layout: Layout, noise
 def _plot_rivals(panel: Panel, diagnosis: Diagnosis) -> None:
     """Draw the increase of χ² if another mechanism, or none, replaces the first named mechanism."""
     mechanism = diagnosis.named_mechanisms[0]
-    rivals = sorted(mechanism.rival_bic_increase.items(), key=lambda pair: pair[1])[:_MAX_STORY_RIVALS]
+    rivals = sorted(mechanism.rival_bic_increase.items(), key=lambda pair: pair[1])[:_MAX_SHOWN_RIVALS]
     names = [mechanism.id, *(id for id, _ in rivals), "no mechanism"]
     increases = np.array([0.0, *(max(increase, 0.0) for _, increase in rivals), mechanism.chi2_increase])
     y, colours = np.arange(len(names)), [OKABE_ITO["blue"], *[OKABE_ITO["vermilion"]] * (len(names) - 1)]
@@ -113,7 +113,7 @@ def _format_steps(
     noise = diagnosis.as_dict()["noise"][channel]["sd"]
     noise_text = format_channel_value(noise * compute_si_factor(DISPLAY_UNIT[channel]), channel)
     return [
-        f"1. Misfit: the baseline misses {channel} by {baseline_text}",
-        f"2. Name: {titles}",
-        f"3. Fit: {model_text} remain beside a noise of {noise_text}",
+        f"1. Misfit: rms error of {channel} {baseline_text}",
+        f"2. Mechanism: {titles}",
+        f"3. Improved model: rms error {model_text}, noise {noise_text}",
     ]

@@ -29,7 +29,7 @@ from pamjax.view.figures.fit import (
 )
 from pamjax.view.figures.fit_priors import plot_prior, select_with_prior
 from pamjax.view.figures.mechanism import plot_mechanism
-from pamjax.view.figures.mismatch_map import list_other_channels, plot_map
+from pamjax.view.figures.misfit_map import list_other_channels, plot_map
 from pamjax.view.figures.plan import PrecisionCourse, plot_commands, plot_precision
 from pamjax.view.figures.posterior import find_ridges, plot_corner, plot_marginals, plot_ridges
 from pamjax.view.figures.posterior_checks import plot_band, plot_profiles, plot_traces

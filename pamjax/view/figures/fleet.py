@@ -113,7 +113,7 @@ def _draw_map(shares: np.ndarray, rows: list[str], cases: pd.DataFrame, title: s
         drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, height)
         panel = drawing.subplots()
         picture = panel.pcolormesh(shares, cmap="Blues", vmin=0, vmax=1, edgecolors="lightgrey", lw=0.3)
-        panel.set_gid("mismatch")
+        panel.set_gid("misfit")
         panel.set_yticks(np.arange(len(rows)) + 0.5, rows)
         panel.invert_yaxis()
         if named:

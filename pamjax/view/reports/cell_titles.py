@@ -13,7 +13,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 #: Group id of the meshes that get titles.
-_TITLED_GID = "mismatch"
+_TITLED_GID = "misfit"
 _GROUP_PATTERN = re.compile(rf'(<g class="{_TITLED_GID}">)(.*?)(</g>)', re.DOTALL)
 _PATH_PATTERN = re.compile(r"(<path [^>]*?)/>", re.DOTALL)
 

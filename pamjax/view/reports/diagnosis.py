@@ -29,7 +29,7 @@ from pamjax.view.figures.diagnosis_loops import (
     plot_loops,
     select_shown_groups,
 )
-from pamjax.view.figures.mismatch_map import format_map_caption, list_other_channels, plot_map
+from pamjax.view.figures.misfit_map import format_map_caption, list_other_channels, plot_map
 from pamjax.view.reports.diagnosis_answer import (
     format_headline,
     format_percent,
@@ -69,7 +69,7 @@ def write_diagnosis_report(
         document=document,
         answers=list_answers(diagnosis, comparison, model),
         bars=list_held_out_bars(diagnosis, comparison),
-        p_value=format_p_value(diagnosis.mismatch.p_value),
+        p_value=format_p_value(diagnosis.baseline_test.p_value),
         unexplained_reason=describe_unexplained_reason(diagnosis),
         map=_draw_picture(partial(plot_map, diagnosis, None), "map", has_title=False),
         map_caption=format_map_caption(diagnosis),
@@ -281,8 +281,8 @@ def _list_assumptions(diagnosis: Diagnosis) -> Iterator[str]:
         )
     yield f"{format_history(case)}."
     yield (
-        f"pamjax reports a misfit if the global p-value over {diagnosis.mismatch.direction_count} tested"
-        f" directions is below {diagnosis.settings.detection_p_value:g}."
+        f"pamjax reports a misfit if the global p-value over {diagnosis.baseline_test.direction_count} tested"
+        f" patterns of the residual is below {diagnosis.settings.detection_p_value:g}."
     )
     yield (
         "The mechanisms were selected without the held-out blocks. The parameters are fitted to all rows."

@@ -123,7 +123,7 @@ def _describe_missing(diagnosis: Diagnosis) -> tuple[str, ...]:
 
 def _describe_certainty(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return the probability of each mechanism, its rivals, and the test of the baseline."""
-    test = f"global test of the baseline: {format_p_value(diagnosis.mismatch.p_value)}"
+    test = f"global test of the baseline: {format_p_value(diagnosis.baseline_test.p_value)}"
     if not diagnosis.is_detected:
         limit = diagnosis.settings.detection_p_value
         return (
@@ -157,11 +157,12 @@ def _describe_untested_effects(diagnosis: Diagnosis) -> tuple[str, ...]:
 def _describe_location(diagnosis: Diagnosis) -> tuple[str, ...]:
     if not diagnosis.is_detected:
         return ()
-    boxes = diagnosis.mismatch_boxes[:_MAX_SHOWN_REGIONS]
-    if not boxes:
+    regions = diagnosis.misfit_regions[:_MAX_SHOWN_REGIONS]
+    if not regions:
         return ("The misfit has no distinct region.",)
     return tuple(
-        f"{box.description.rstrip('.')} ({format_percent(box.share)} of the misfit)." for box in boxes
+        f"{region.description.rstrip('.')} ({format_percent(region.share)} of the misfit)."
+        for region in regions
     )
 
 

@@ -29,10 +29,10 @@ def test_misfit_below_the_form_error_is_not_unexplained(square, left):
 
 @pytest.mark.parametrize("p_value", [0.1, 1e-9])
 def test_large_misfit_within_noise_is_not_significant(p_value):
-    mismatch = ResidualTest(p_value=1e-300, largest_deviation=50.0, direction_count=100, mean_square=5.3)
+    baseline_test = ResidualTest(p_value=1e-300, largest_deviation=50.0, direction_count=100, mean_square=5.3)
     rest = ResidualTest(p_value=p_value, largest_deviation=4.0, direction_count=100, mean_square=1.3)
-    assert is_residual_large(mismatch, rest, DEFAULT_SETTINGS)
-    assert is_residual_significant(mismatch, rest, DEFAULT_SETTINGS) is (p_value < 0.01)
+    assert is_residual_large(baseline_test, rest, DEFAULT_SETTINGS)
+    assert is_residual_significant(baseline_test, rest, DEFAULT_SETTINGS) is (p_value < 0.01)
 
 
 @pytest.mark.slow
@@ -52,7 +52,8 @@ def test_a_large_residual_is_unexplained_with_and_without_stated_noise(is_stated
     assert residual_test.mean_square > 2
     assert is_residual_significant(baseline_test, residual_test, DEFAULT_SETTINGS)
     # The sentences state from which model the measurement deviates.
-    assert all("the baseline" in box.description for box in locate_residual(problem, baseline))
+    assert all("the baseline" in region.description for region in locate_residual(problem, baseline))
     assert all(
-        "the model with the named mechanisms" in box.description for box in locate_residual(problem, model)
+        "the model with the named mechanisms" in region.description
+        for region in locate_residual(problem, model)
     )

@@ -5,13 +5,13 @@ import pytest
 from scipy.stats import norm, t
 
 from pamjax.diagnosis.detect import significance as under_test
-from pamjax.diagnosis.detect.regions import compute_region_shifts
 from pamjax.diagnosis.detect.significance import (
     _compute_deviation,
     _compute_sd_bound,
     _estimate_tail_probability,
     compute_significance,
 )
+from pamjax.diagnosis.detect.tested_subsets import compute_subset_shifts
 from pamjax.diagnosis.noise.uncertainty import NORMAL_NODES, NoiseUncertainty, estimate_noise_uncertainty
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.ar1_filter import Ar1Noise
@@ -193,7 +193,7 @@ def test_observed_deviation_is_scaled_like_the_draws():
     """A deviation of 4 sd along a slow direction of a channel; its sensor noise is a fifth of its noise."""
     problem = simulate_without_noise()
     noise = build_noise(Ar1Noise(np.ones(problem.n), 0.2, 0.0, True, rho_from_differences=0.4))
-    shifts = compute_region_shifts(problem, noise)
+    shifts = compute_subset_shifts(problem, noise)
     shifts /= np.linalg.norm(shifts, axis=1, keepdims=True)
     longest = int(np.argmax(np.count_nonzero(shifts, axis=1)))
     estimate = build_estimate(problem.neutral, residual=4.0 * shifts[longest])

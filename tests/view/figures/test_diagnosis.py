@@ -10,7 +10,7 @@ from pamjax.view.figures import diagnosis_loops
 from pamjax.view.figures.diagnosis import plot_candidates, plot_held_out_scores, plot_shifts
 from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops
 from pamjax.view.figures.diagnosis_steps import plot_steps
-from pamjax.view.figures.mismatch_map import plot_map
+from pamjax.view.figures.misfit_map import plot_map
 from tests.view.made_up import add_form_error, diagnosis, holds, lengths, strokes, table
 
 
@@ -34,10 +34,10 @@ def test_map_shows_each_direction_with_sign_and_region():
         "while shortening",
         "while lengthening",
     ]
-    means = [select_artists(panel, "mismatch")[0].get_array() for panel in (shortening, lengthening)]
+    means = [select_artists(panel, "misfit")[0].get_array() for panel in (shortening, lengthening)]
     assert np.ma.median(means[0]) == pytest.approx(-10.0, abs=1.0)
     assert np.ma.median(means[1]) == pytest.approx(10.0, abs=1.0)
-    assert [len(select_artists(panel, "box-1")) for panel in (shortening, lengthening)] == [0, 1]
+    assert [len(select_artists(panel, "region-1")) for panel in (shortening, lengthening)] == [0, 1]
     assert figure.get_suptitle() == "Above 100 kPa, force is about 20 N higher while the muscle lengthens"
 
 
@@ -53,12 +53,12 @@ def test_map_shows_each_direction_with_sign_and_region():
 def test_every_kind_of_recording_has_a_map(protocol, labels, cells):
     panel = panels(plot_map(diagnosis(protocol)))[0]
     assert (panel.get_xlabel(), panel.get_ylabel()) == labels
-    assert select_artists(panel, "mismatch")[0].get_array().shape == cells
+    assert select_artists(panel, "misfit")[0].get_array().shape == cells
 
 
 def test_map_without_a_misfit_has_no_region():
     figure = plot_map(diagnosis(detected=False))
-    assert not any(select_artists(panel, "box-1") for panel in panels(figure))
+    assert not any(select_artists(panel, "region-1") for panel in panels(figure))
     assert figure.get_suptitle().startswith("No part of the recording differs from the baseline")
 
 
@@ -204,7 +204,7 @@ def test_parameter_with_the_largest_change_is_first():
 
 
 @pytest.mark.parametrize("protocol", [strokes, lengths, holds, table])
-def test_story_has_residuals_before_and_after_on_one_scale(protocol):
+def test_steps_have_residuals_before_and_after_on_one_scale(protocol):
     result = diagnosis(protocol=protocol)
     before, rivals, after = panels(plot_steps(result))
     assert [panel.get_title("left")[:2] for panel in (before, rivals, after)] == ["1.", "2.", "3."]
@@ -219,5 +219,5 @@ def test_story_has_residuals_before_and_after_on_one_scale(protocol):
     assert increases.get_offsets()[:, 0].tolist() == [0.0, 0.0, 640.0, 5e4]
 
 
-def test_story_needs_a_mechanism():
+def test_steps_need_a_mechanism():
     assert plot_steps(diagnosis(named=False)) is None

@@ -105,11 +105,11 @@ def test_report_agrees_with_the_result(page):
     )
     shift = page.table(["parameter", "baseline alone"])["thread.modulus"]
     assert shift == ["80.0 ± 1.2 GPa", "92.0 ± 1.2 GPa", "+8.9 sd"]
-    (box,) = document["mismatch"]["where"]
+    (region,) = document["mismatch"]["where"]
     row = page.table(["region", "channel"])["1"]
     assert row[:3] == ["force", "lengthening", "100 to 400 kPa"]
-    assert row[-1] == f"{100 * box['share']:.0f} %"
-    assert box["says"].rstrip(".") in page.text
+    assert row[-1] == f"{100 * region['share']:.0f} %"
+    assert region["says"].rstrip(".") in page.text
     assert "probability 0.98" in page.text
 
 
@@ -171,7 +171,9 @@ def test_next_experiment_is_named(variant):
     text = Page(read_report(variant)).text
     for command in ("validate model.json OTHER", "inverse model.json", "simulate model.json"):
         assert f"pamjax {command}" in text
-    assert ("Each named mechanism is distinct." in text) == (variant == "friction")
+    assert ("The recording distinguishes each named mechanism from all others." in text) == (
+        variant == "friction"
+    )
     assert "from the others" not in text
 
 
@@ -227,7 +229,7 @@ def test_a_formula_with_a_smaller_error_is_on_the_first_screen(share, is_shown):
 
 
 def test_pointer_shows_the_value_of_each_cell():
-    shortening, lengthening = re.findall(r'<g class="mismatch">(.*?)</g>', read_report("friction"), re.S)[:2]
+    shortening, lengthening = re.findall(r'<g class="misfit">(.*?)</g>', read_report("friction"), re.S)[:2]
     for svg, sign in ((shortening, "−"), (lengthening, "+")):
         titles = re.findall(r"<title>(.*?)</title></path>", svg)
         assert len(titles) == svg.count("<path") == 4 * 18

@@ -12,8 +12,8 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from pamjax.diagnosis.detect.locate import Box
-from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, STILL, RecordingAxes, build_axes
+from pamjax.diagnosis.detect.locate import MisfitRegion
+from pamjax.diagnosis.detect.recording_axes import LENGTHENING, SHORTENING, STILL, RecordingAxes, build_axes
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.records.levels import assign_levels, find_levels
@@ -42,7 +42,7 @@ class MapAxis:
 
     Attributes:
         label: with display unit.
-        field: attribute of a box that has the box's limits on this axis.
+        field: attribute of a region that has the region's limits on this axis.
         scale: factor from SI to the display unit.
         values: (n,) of the rows, in the display unit.
         edges: (cells + 1,) edges of the cells, in the display unit.
@@ -54,9 +54,9 @@ class MapAxis:
     values: np.ndarray
     edges: np.ndarray
 
-    def find_box_limits(self, box: Box) -> tuple[float, float]:
-        """Return the limits of a box on this axis, at least one cell wide."""
-        low, high = (self.scale * x for x in getattr(box, self.field))
+    def find_region_limits(self, region: MisfitRegion) -> tuple[float, float]:
+        """Return the limits of a region on this axis, at least one cell wide."""
+        low, high = (self.scale * x for x in getattr(region, self.field))
         first, last = np.clip(np.searchsorted(self.edges, [low, high], "right"), 1, len(self.edges) - 1)
         return float(self.edges[first - 1]), float(self.edges[last])
 
@@ -76,9 +76,9 @@ def _compute_standard_residual(diagnosis: Diagnosis) -> np.ndarray:
 
 
 def find_main_channel(diagnosis: Diagnosis) -> int:
-    """Return the channel of the first box, else the channel with the largest misfit."""
-    if diagnosis.is_detected and diagnosis.mismatch_boxes:
-        return diagnosis.problem.channels.index(diagnosis.mismatch_boxes[0].channel)
+    """Return the channel of the first region, else the channel with the largest misfit."""
+    if diagnosis.is_detected and diagnosis.misfit_regions:
+        return diagnosis.problem.channels.index(diagnosis.misfit_regions[0].channel)
     square = _compute_standard_residual(diagnosis) ** 2
     mean_squares = [
         np.nanmean(channel_square) if np.isfinite(channel_square).any() else -1.0 for channel_square in square
@@ -87,10 +87,12 @@ def find_main_channel(diagnosis: Diagnosis) -> int:
 
 
 def list_other_channels(diagnosis: Diagnosis) -> list[int]:
-    """Return the channels with a box, except the main channel."""
+    """Return the channels with a region, except the main channel."""
     channels = diagnosis.problem.channels
     located_channels = (
-        {channels.index(box.channel) for box in diagnosis.mismatch_boxes} if diagnosis.is_detected else set()
+        {channels.index(region.channel) for region in diagnosis.misfit_regions}
+        if diagnosis.is_detected
+        else set()
     )
     return sorted(located_channels - {find_main_channel(diagnosis)})
 
@@ -110,10 +112,10 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
     map_cells = _build_cells(diagnosis, channel_index)
     x, y, panel_parts, cells = map_cells.x, map_cells.y, map_cells.panel_parts, map_cells.values
     shows_rms = map_cells.shows_rms
-    boxes = [
-        (number, box)
-        for number, box in enumerate(diagnosis.mismatch_boxes, 1)
-        if diagnosis.is_detected and box.channel == diagnosis.problem.channels[channel_index]
+    regions = [
+        (number, region)
+        for number, region in enumerate(diagnosis.misfit_regions, 1)
+        if diagnosis.is_detected and region.channel == diagnosis.problem.channels[channel_index]
     ]
     colour_limit = max(2.0, float(np.nanquantile(np.abs(np.stack(cells)), _COLOUR_QUANTILE)))
     is_stacked = narrow and len(panel_parts) > 1
@@ -124,9 +126,9 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
         mesh = None
         for panel, (name, motions, _), values in zip(panels, panel_parts, cells, strict=True):
             mesh = _plot_cells(panel, x, y, values, (0.0 if shows_rms else -colour_limit, colour_limit))
-            for number, box in boxes:
-                if box.motion in motions:
-                    _plot_box(panel, number, x.find_box_limits(box), y.find_box_limits(box))
+            for number, region in regions:
+                if region.motion in motions:
+                    _plot_region(panel, number, x.find_region_limits(region), y.find_region_limits(region))
             panel.set(title=name, xlabel=x.label, ylabel=y.label)
             panel.label_outer()
         assert mesh is not None
@@ -151,7 +153,7 @@ def _format_location(diagnosis: Diagnosis, channel: str) -> str:
     """Return the location of a channel's misfit in one sentence."""
     if not diagnosis.is_detected:
         return "No part of the recording differs from the baseline by more than the noise explains"
-    sentences = [box.description for box in diagnosis.mismatch_boxes if box.channel == channel]
+    sentences = [region.description for region in diagnosis.misfit_regions if region.channel == channel]
     return (
         sentences[0].rstrip(".")
         if sentences
@@ -162,7 +164,7 @@ def _format_location(diagnosis: Diagnosis, channel: str) -> str:
 def _list_motions(
     coordinates: RecordingAxes, is_measured: np.ndarray
 ) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:
-    """Yield the title, the motions of boxes and the (n,) mask of rows of each panel."""
+    """Yield the title, the motions of regions and the (n,) mask of rows of each panel."""
     if np.mean(coordinates.motion[is_measured] != STILL) < _MIN_MOVING_SHARE:
         yield "", ("both", "shortening", "lengthening"), is_measured
         return
@@ -237,7 +239,7 @@ class _MapCells:
 
     Attributes:
         x, y: the axes.
-        panel_parts: title, motions of boxes, and (n,) mask of rows of each panel.
+        panel_parts: title, motions of regions, and (n,) mask of rows of each panel.
         values: (cells of y, cells of x) of each panel, in noise sd; NaN in empty cells.
         shows_rms: whether the values are the rms of the rows in a cell instead of their mean.
     """
@@ -272,7 +274,7 @@ def format_map_caption(diagnosis: Diagnosis) -> str:
         reason = " A mean would be near zero, because positive and negative deviations are in the same cells."
     frames = (
         " Frames show the regions of the misfit."
-        if diagnosis.is_detected and diagnosis.mismatch_boxes
+        if diagnosis.is_detected and diagnosis.misfit_regions
         else ""
     )
     return (
@@ -302,15 +304,15 @@ def _plot_cells(
     """Draw the cells; values without a sign have one hue."""
     colours = matplotlib.colormaps["RdBu_r" if limits[0] < 0 else "Reds"]
     mesh = panel.pcolormesh(x.edges, y.edges, values, cmap=colours, vmin=limits[0], vmax=limits[1])
-    mesh.set_gid("mismatch")
+    mesh.set_gid("misfit")
     return mesh
 
 
-def _plot_box(panel: Panel, number: int, x: tuple[float, float], y: tuple[float, float]) -> None:
-    """Draw a box's frame with its number."""
+def _plot_region(panel: Panel, number: int, x: tuple[float, float], y: tuple[float, float]) -> None:
+    """Draw a region's frame with its number."""
     frame = Rectangle((x[0], y[0]), x[1] - x[0], y[1] - y[0], fill=False, zorder=4, clip_on=False)
     frame.set(linewidth=1.2, edgecolor="black", linestyle=("-", "--", ":", "-.")[(number - 1) % 4])
-    frame.set_gid(f"box-{number}")
+    frame.set_gid(f"region-{number}")
     panel.add_patch(frame)
     panel.annotate(
         str(number), (x[0], y[1]), (4 + 11 * (number - 1), -4), textcoords="offset points",

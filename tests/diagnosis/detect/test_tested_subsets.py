@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pamjax.diagnosis.detect.regions import split_range
+from pamjax.diagnosis.detect.tested_subsets import split_range
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 
 

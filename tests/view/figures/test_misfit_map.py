@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pamjax.view.figures.mismatch_map import format_map_caption, plot_map
+from pamjax.view.figures.misfit_map import format_map_caption, plot_map
 from pamjax.view.reports.cell_titles import _list_titles
 from tests.view.made_up import SD, diagnosis, holds
 
@@ -16,15 +16,15 @@ def deviate(sign):
     problem = result.problem
     force = problem.predict(result.baseline.estimate.values)[0] + 10 * SD[0] * sign(problem.n)
     problem.measured = np.stack([force, problem.measured[1]])
-    box = replace(result.mismatch_boxes[0], motion="both")
-    return replace(result, problem=problem, mismatch_boxes=[box])
+    region = replace(result.misfit_regions[0], motion="both")
+    return replace(result, problem=problem, misfit_regions=[region])
 
 
 def read_map(result):
     """Return the values, the label of the colours, and the title of the first cell with rows."""
     figure = plot_map(result)
     panel, bar = figure.axes[0], figure.axes[-1]
-    (mesh,) = (m for m in panel.collections if m.get_gid() == "mismatch")
+    (mesh,) = (m for m in panel.collections if m.get_gid() == "misfit")
     return (
         mesh.get_array().compressed(),
         bar.get_ylabel(),

@@ -1,68 +1,25 @@
-"""Regions of a recording in which a shift of the mean is tested, for misfit that no mechanism causes.
+"""Subsets of a recording in which a shift of the mean is tested, for misfit that no mechanism causes.
 
-A region is a range of pressure or of contraction, a motion (shortening, lengthening, none), or an interval of
-time. Two of the first three can be combined. In each region, a constant shift in standard deviations of the
+A subset is a range of pressure or of contraction, a motion (shortening, lengthening, none), or an interval of
+time. Two of the first three can be combined. In each subset, a constant shift in standard deviations of the
 noise is one more tested direction of the residual (`significance.py`).
 """
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 
 import numpy as np
 
+from pamjax.diagnosis.detect.recording_axes import LENGTHENING, SHORTENING, STILL, RecordingAxes, build_axes
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.problem.dataset import CHANNELS
 
-SHORTENING, STILL, LENGTHENING = -1, 0, 1
 
-
-@dataclass(frozen=True, eq=False)
-class RecordingAxes:
-    """Coordinates of each row of a recording.
-
-    Attributes:
-        pressure: (n,) Pa.
-        contraction: (n,) 1 − length / rest length.
-        time: (n,) s; row numbers in a static table.
-        motion: (n,) −1 shortening, 0 at rest, 1 lengthening.
-    """
-
-    pressure: np.ndarray
-    contraction: np.ndarray
-    time: np.ndarray
-    motion: np.ndarray
-
-
-def build_axes(problem: LibraryProblem) -> RecordingAxes:
-    """Return the coordinates by which a misfit is located."""
-    recording = problem.case.recording
-    rest_length = problem.case.muscle_toml.rest_length.value
-    time = recording.time if recording.time is not None else np.arange(problem.n, dtype=float)
-    rate = np.asarray(problem.dataset.history.rate(problem.dataset.rows.length))[: problem.n]
-    # Noise of the length must not count as motion: the residual contains the same noise.
-    rate_noise = np.sqrt(np.sum(np.square(np.asarray(problem.dataset.history.rate_weights)), axis=1))[
-        : problem.n
-    ]
-    sensor = problem.case.muscle_toml.sensors
-    noise = (
-        0.0
-        if sensor.length_per_level
-        else problem.settings.min_speed_noise_sd * (sensor.length or 0.0) * rate_noise
-    )
-    min_speed = np.maximum(
-        problem.settings.min_speed_share * float(np.nanquantile(np.abs(rate), 0.95)), noise
-    )
-    is_moving = np.abs(rate) > min_speed
-    motion = np.where(is_moving, np.sign(rate), STILL).astype(int)
-    return RecordingAxes(recording.pressure, 1 - recording.length / rest_length, time, motion)
-
-
-def split_into_regions(axes: RecordingAxes, settings: DiagnosisSettings) -> list[np.ndarray]:
-    """Return the masks of all regions, (n,) each."""
+def split_into_subsets(axes: RecordingAxes, settings: DiagnosisSettings) -> list[np.ndarray]:
+    """Return the masks of all subsets, (n,) each."""
     pressures = split_range(axes.pressure, settings.ranges_per_axis)
     contractions = split_range(axes.contraction, settings.ranges_per_axis)
     motions = [axes.motion == motion for motion in (SHORTENING, STILL, LENGTHENING)]
@@ -105,16 +62,16 @@ def _place_edges(values: np.ndarray, regular_edges: np.ndarray) -> np.ndarray:
     return np.array(edges)
 
 
-def compute_region_shifts(problem: LibraryProblem, noise: NoiseModel) -> np.ndarray:
-    """Return the whitened shifts by one standard deviation in each region and channel, (k, size)."""
-    masks = split_into_regions(build_axes(problem), problem.settings)
+def compute_subset_shifts(problem: LibraryProblem, noise: NoiseModel) -> np.ndarray:
+    """Return the whitened shifts by one standard deviation in each subset and channel, (k, size)."""
+    masks = split_into_subsets(build_axes(problem), problem.settings)
     out = []
     for c in range(len(CHANNELS)):
         channel = noise.by_channel[c]
         if channel is None:
             continue
         for mask in masks:
-            if np.count_nonzero(mask[noise.rows[c]]) >= problem.settings.min_samples_in_region:
+            if np.count_nonzero(mask[noise.rows[c]]) >= problem.settings.min_samples_in_subset:
                 pattern = np.zeros((2, problem.n))
                 pattern[c] = np.where(mask, channel.sd, 0.0)
                 out.append(pattern)

@@ -1,8 +1,8 @@
-"""The sentence of a box: how a recording deviates from a model there.
+"""The sentence of a region: how a recording deviates from a model there.
 
-The sentence is true in each part of the box: a range of pressure and of contraction in one motion. The mean
-deviation of a part can have the opposite sign beyond noise. The sentence then states the trend, or the lowest
-and the highest mean with their places.
+The sentence is true in each part of the region: a range of pressure and of contraction in one motion. The
+mean deviation of a part can have the opposite sign beyond noise. The sentence then states the trend, or the
+lowest and the highest mean with their places.
 """
 
 from __future__ import annotations
@@ -13,13 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.diagnosis.detect.regions import (
-    LENGTHENING,
-    SHORTENING,
-    STILL,
-    RecordingAxes,
-    split_range,
-)
+from pamjax.diagnosis.detect.recording_axes import LENGTHENING, SHORTENING, STILL, RecordingAxes
+from pamjax.diagnosis.detect.tested_subsets import split_range
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 
 #: Motions as text.
@@ -27,8 +22,8 @@ _MOTION_TEXTS = {SHORTENING: "shortening", STILL: "at rest", LENGTHENING: "lengt
 
 
 @dataclass(frozen=True, eq=False)
-class BoxDeviation:
-    """Deviation of a recording from a model in a box.
+class RegionDeviation:
+    """Deviation of a recording from a model in a region.
 
     Attributes:
         channel: "force" or "diameter".
@@ -36,7 +31,7 @@ class BoxDeviation:
         pressure: lowest and highest, Pa.
         contraction: lowest and highest.
         axes: coordinates of all rows.
-        inside: (n,) whether a row is in the box.
+        inside: (n,) whether a row is in the region.
         deviation: (n,) deviation of the channel, SI.
         sd: (n,) standard deviation of its noise, SI.
         reference: the model, in words.
@@ -85,90 +80,99 @@ class BoxDeviation:
         return signed_rms if is_one_sided else None
 
 
-def format_box(box: BoxDeviation) -> str:
-    """Return the sentence of a box."""
-    parts = split_box(box)
-    by_motion = _format_by_motion(box, parts)
+def format_region(region: RegionDeviation) -> str:
+    """Return the sentence of a region."""
+    parts = split_region(region)
+    by_motion = _format_by_motion(region, parts)
     if by_motion:
-        return f"{box.place}, {by_motion}."
-    typical = _compute_signed_rms(box.deviation[box.inside]) or 0.0
-    text = f"{box.channel} is {box.format_difference(typical)} than {box.reference}"
-    if box.compute_one_sided_rms(box.inside) is None:
-        text = _format_trend(box) or (
-            f"{box.channel} is about {box.format_size(typical)} {' or '.join(box.comparatives)}"
-            f" than {box.reference}"
+        return f"{region.place}, {by_motion}."
+    typical = _compute_signed_rms(region.deviation[region.inside]) or 0.0
+    text = f"{region.channel} is {region.format_difference(typical)} than {region.reference}"
+    if region.compute_one_sided_rms(region.inside) is None:
+        text = _format_trend(region) or (
+            f"{region.channel} is about {region.format_size(typical)} {' or '.join(region.comparatives)}"
+            f" than {region.reference}"
         )
-    elif _has_both_signs(box, parts):
-        text = _format_trend(box) or f"{box.channel} is {format_extremes(box, parts)} than {box.reference}"
-    if box.motion != "both":
-        text += f" while the muscle {'shortens' if box.motion == 'shortening' else 'lengthens'}"
-    return f"{box.place}, {text}."
+    elif _has_both_signs(region, parts):
+        text = (
+            _format_trend(region)
+            or f"{region.channel} is {format_extremes(region, parts)} than {region.reference}"
+        )
+    if region.motion != "both":
+        text += f" while the muscle {'shortens' if region.motion == 'shortening' else 'lengthens'}"
+    return f"{region.place}, {text}."
 
 
-def split_box(box: BoxDeviation) -> list[np.ndarray]:
-    """Return the rows of each part of a box: ranges of pressure and of contraction in each motion."""
-    rows, axes, settings = np.flatnonzero(box.inside), box.axes, box.settings
+def split_region(region: RegionDeviation) -> list[np.ndarray]:
+    """Return the rows of each part of a region: ranges of pressure and of contraction in each motion."""
+    rows, axes, settings = np.flatnonzero(region.inside), region.axes, region.settings
     if not rows.size:
         return []
     all_rows = np.ones(rows.size, dtype=bool)
     pressure_ranges, contraction_ranges = (
-        split_range(x[rows], settings.ranges_per_box) or [all_rows] for x in (axes.pressure, axes.contraction)
+        split_range(x[rows], settings.ranges_per_region) or [all_rows]
+        for x in (axes.pressure, axes.contraction)
     )
     motions = [axes.motion[rows] == motion for motion in (SHORTENING, STILL, LENGTHENING)]
     parts = [rows[p & c & m] for p in pressure_ranges for c in contraction_ranges for m in motions]
     return [part for part in parts if part.size >= max(1, settings.min_part_share * rows.size)]
 
 
-def _format_by_motion(box: BoxDeviation, parts: Sequence[np.ndarray]) -> str:
+def _format_by_motion(region: RegionDeviation, parts: Sequence[np.ndarray]) -> str:
     """Return the deviations of both motions; empty unless they have opposite signs, each in all parts."""
     shortening, lengthening = (
-        box.compute_one_sided_rms(box.inside & (box.axes.motion == motion))
+        region.compute_one_sided_rms(region.inside & (region.axes.motion == motion))
         for motion in (SHORTENING, LENGTHENING)
     )
-    if box.motion != "both" or shortening is None or lengthening is None or shortening * lengthening >= 0:
+    if region.motion != "both" or shortening is None or lengthening is None or shortening * lengthening >= 0:
         return ""
     if any(
-        _has_both_signs(box, [part for part in parts if box.axes.motion[part[0]] == motion])
+        _has_both_signs(region, [part for part in parts if region.axes.motion[part[0]] == motion])
         for motion in (SHORTENING, LENGTHENING)
     ):
         return ""
     return (
-        f"{box.channel} is {box.format_difference(lengthening)} than {box.reference} while the muscle"
-        f" lengthens and {box.format_difference(shortening)} while it shortens"
+        f"{region.channel} is {region.format_difference(lengthening)} than {region.reference}"
+        f" while the muscle lengthens and {region.format_difference(shortening)} while it shortens"
     )
 
 
-def _has_both_signs(box: BoxDeviation, parts: Sequence[np.ndarray]) -> bool:
+def _has_both_signs(region: RegionDeviation, parts: Sequence[np.ndarray]) -> bool:
     """Return whether the mean deviations of parts have both signs, beyond the noise of a sample."""
-    means = [float(np.mean(box.deviation[part])) for part in parts]
-    significant = [mean for mean, part in zip(means, parts, strict=True) if abs(mean) > np.mean(box.sd[part])]
+    means = [float(np.mean(region.deviation[part])) for part in parts]
+    significant = [
+        mean for mean, part in zip(means, parts, strict=True) if abs(mean) > np.mean(region.sd[part])
+    ]
     return min(significant, default=0.0) < 0 < max(significant, default=0.0)
 
 
-def format_extremes(box: BoxDeviation, parts: Sequence[np.ndarray]) -> str:
+def format_extremes(region: RegionDeviation, parts: Sequence[np.ndarray]) -> str:
     """Return the lowest and the highest mean deviation of parts, with their places if these differ."""
-    low, high = (pick(parts, key=lambda part: float(np.mean(box.deviation[part]))) for pick in (min, max))
+    low, high = (pick(parts, key=lambda part: float(np.mean(region.deviation[part]))) for pick in (min, max))
     rows, places = np.concatenate(parts), [[], []]
-    for values, size, name in ((box.axes.pressure, 1e-3, "kPa"), (box.axes.contraction, 100, "% contracted")):
+    for values, size, name in (
+        (region.axes.pressure, 1e-3, "kPa"),
+        (region.axes.contraction, 100, "% contracted"),
+    ):
         means = [float(np.mean(values[part])) for part in (low, high)]
-        if abs(means[1] - means[0]) > box.settings.min_part_distance_share * np.ptp(values[rows]):
+        if abs(means[1] - means[0]) > region.settings.min_part_distance_share * np.ptp(values[rows]):
             for place, x in zip(places, means, strict=True):
                 place.append(f"{size * x:z.0f} {name}")
     texts = []
     for part, place in zip((low, high), places, strict=True):
         remarks = [f"near {', '.join(place)}"] if place else []
-        if box.axes.motion[low[0]] != box.axes.motion[high[0]]:
-            remarks.append(_MOTION_TEXTS[int(box.axes.motion[part[0]])])
-        difference = box.format_difference(float(np.mean(box.deviation[part])))
+        if region.axes.motion[low[0]] != region.axes.motion[high[0]]:
+            remarks.append(_MOTION_TEXTS[int(region.axes.motion[part[0]])])
+        difference = region.format_difference(float(np.mean(region.deviation[part])))
         texts.append(difference + (f" ({', '.join(remarks)})" if remarks else ""))
     return f"between {texts[0]} and {texts[1]}"
 
 
-def _format_trend(box: BoxDeviation) -> str:
+def _format_trend(region: RegionDeviation) -> str:
     """Return the trend of the deviation with pressure or contraction; empty without a trend."""
-    values, settings = box.deviation[box.inside], box.settings
-    for name, coordinate in (("pressure", box.axes.pressure), ("contraction", box.axes.contraction)):
-        x = coordinate[box.inside]
+    values, settings = region.deviation[region.inside], region.settings
+    for name, coordinate in (("pressure", region.axes.pressure), ("contraction", region.axes.contraction)):
+        x = coordinate[region.inside]
         if np.ptp(x) > 0 and abs(float(np.corrcoef(x, values)[0, 1])) > settings.min_trend_correlation:
             ends = (
                 x <= np.quantile(x, settings.trend_end_share),
@@ -176,8 +180,10 @@ def _format_trend(box: BoxDeviation) -> str:
             )
             low, high = (float(np.mean(values[end])) for end in ends)
             verb = "increases" if high > low else "decreases"
-            first, last = (box.format_difference(v) for v in (low, high))
-            return f"{box.channel} relative to {box.reference} {verb} with {name}, from {first} to {last}"
+            first, last = (region.format_difference(v) for v in (low, high))
+            return (
+                f"{region.channel} relative to {region.reference} {verb} with {name}, from {first} to {last}"
+            )
     return ""
 
 
