@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,18 +36,18 @@ from pamjax.diagnosis.form_errors.uncertainty import include_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.experiment import Experiment, propose_experiments
 from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed
+from pamjax.diagnosis.noise.estimate import average_sample_noise
 from pamjax.diagnosis.noise.noise_ratios import compute_noise_ratios, format_noise_notes, list_unstated_inputs
 from pamjax.diagnosis.notes import format_notes
 from pamjax.diagnosis.outside.template_context import get_template_builder
 from pamjax.diagnosis.outside.template_fits import Likeness, list_likenesses
 from pamjax.diagnosis.outside.templates import TemplateBuilder
-from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.saved_form_errors import build_saved_form_errors
 from pamjax.diagnosis.search_rows import DiagnosedRows
-from pamjax.diagnosis.select.model_averaging import add_input_noise_bias, average_models
+from pamjax.diagnosis.select.model_averaging import add_input_noise_bias, average_models, refit_from
 from pamjax.diagnosis.select.selection import (
     Selection,
     format_masked_mechanisms,
@@ -61,13 +62,13 @@ from pamjax.records.case import Case, ensure_case
 
 @dataclass(frozen=True, eq=False)
 class _FinalFit:
-    """The fits of the chosen mechanisms to all rows.
+    """The fits of the selected mechanisms.
 
     Attributes:
         selection: the mechanisms, with the sizes of their form errors.
-        baseline: the baseline.
-        model: the fit with the mechanisms.
-        search_model: the fit with the mechanisms to all rows of the search.
+        baseline: the fit of the baseline to all rows.
+        model: the fit with the mechanisms to all rows.
+        search_model: the fit with the mechanisms to all rows of the search; the baseline without mechanisms.
         form_errors: their form errors.
         form_error_model: their form errors for other recordings; None if there are none.
     """
@@ -140,9 +141,11 @@ def _diagnose_rows(rows: DiagnosedRows, seed: int, progress: Progress) -> Diagno
         *format_masked_mechanisms(confirmed_selection.selection, settings),
     ]
     progress("proposing experiments", 0.9)
-    testbed = SimulatedTestbed.from_fit(rows.problem, final_fit.model)
     experiments = propose_experiments(
-        testbed, search_problem, final_fit.search_model, final_fit.selection.named_mechanisms
+        partial(SimulatedTestbed.from_fit, rows.problem, final_fit.model),
+        search_problem,
+        final_fit.search_model,
+        final_fit.selection.named_mechanisms,
     )
     diagnosis = _build_diagnosis(
         rows, training, confirmed_selection, held_out_test, final_fit, build_templates_at, experiments, notes
@@ -240,21 +243,23 @@ def _fit_all_rows(rows: DiagnosedRows, selection: Selection) -> _FinalFit:
 def _fit_selected_mechanisms(rows: DiagnosedRows, selection: Selection) -> tuple[ModelFit, ModelFit]:
     """Return the model with the selected mechanisms, fitted to all rows of the search and to all rows.
 
-    The refits of other models, which need the most time, use the rows of the search.
+    The refits of other models, which need the most time, use the rows of the search. If these are means,
+    their noise is that of the fit to all rows.
     """
     problem, search_problem = rows.problem, rows.search_problem
-    search_fit = fit_selection(search_problem, selection, np.ones(search_problem.n, dtype=bool))
-    search_model = average_models(
-        search_problem, fit_noise_correlation(search_problem, search_fit), selection.named_mechanisms
-    )
+    fit = fit_noise_correlation(problem, fit_selection(problem, selection, np.ones(problem.n, dtype=bool)))
     if search_problem is problem:
-        return search_model, search_model
-    fit = fit_with_misfit_weight(
-        problem, np.ones(problem.n, dtype=bool), search_model.mechanisms, search_model.estimate.values
-    )
+        model = average_models(problem, fit, selection.named_mechanisms)
+        return model, model
+    noise = average_sample_noise(search_problem, fit.noise, np.ones(search_problem.n, dtype=bool))
+    search_fit = refit_from(search_problem, replace(fit, noise=noise), fit.estimate.values)
+    search_model = average_models(search_problem, search_fit, selection.named_mechanisms)
+    if search_model.estimate is not search_fit.estimate:
+        # The rows of the search have a better minimum.
+        other_fit = refit_from(problem, fit, search_model.estimate.values)
+        fit = min((fit, other_fit), key=lambda m: m.corrected_chi2)
     return search_model, replace(
-        add_input_noise_bias(problem, fit_noise_correlation(problem, fit)),
-        between_model_covariance=search_model.between_model_covariance,
+        add_input_noise_bias(problem, fit), between_model_covariance=search_model.between_model_covariance
     )
 
 

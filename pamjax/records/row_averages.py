@@ -246,12 +246,12 @@ def _choose_starts(is_read: np.ndarray, size: int) -> np.ndarray:
 def _find_fast_rows(recording: Recording, starts: np.ndarray, share: float) -> np.ndarray:
     """Return whether an input changes too fast in the group of a row, (n,) bool."""
     group, first_rows = np.cumsum(starts) - 1, np.flatnonzero(starts)
-    last_rows = np.append(first_rows[1:], starts.size) - 1
     is_fast = np.zeros(first_rows.size, dtype=bool)
     for values in (recording.pressure, recording.length):
         noise = estimate_reading_noise(np.diff(values, 2))
         limit = np.fmax(share * _compute_range(values), _MAX_NOISE_CHANGE * noise)
-        is_fast |= np.abs(values[last_rows] - values[first_rows]) > limit
+        # The range, not the difference of the ends: a group can contain a smooth turn.
+        is_fast |= np.fmax.reduceat(values, first_rows) - np.fmin.reduceat(values, first_rows) > limit
     return is_fast[group]
 
 

@@ -46,7 +46,8 @@ def compute_mean_square_significance(
             continue
         standardised = noise.standardise(residual, c)[noise.rows[c]]
         mean = float(np.mean(standardised**2))
-        variance_error = problem.settings.sensor_variance_sd_share
+        # Slow noise decreases less in means than the noise of the sensor: the error is that of a sample.
+        variance_error = problem.settings.sensor_variance_sd_share * noise.samples_per_row[c]
         assumed_noise = np.array([channel.correlation]), np.ones(1)
         z_score = float(
             _compute_z_scores(mean, channel, standardised.size, variance_error, *assumed_noise)[0]

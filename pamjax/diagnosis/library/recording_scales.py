@@ -9,6 +9,7 @@ import numpy as np
 from pamjax.diagnosis.library.library_parameters import COMPLIANCE_PARAMETER
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.settings import DiagnosisSettings
+from pamjax.records.recording import Recording
 
 #: 90 % quantile of the standard normal distribution.
 _NORMAL_QUANTILE_90 = 1.28
@@ -19,7 +20,7 @@ class RecordingScales:
     """Scales of a recording: its times, stroke, load, pressure and speeds.
 
     Attributes:
-        start_time, duration, time_step: first time, duration and median time step, s.
+        start_time, duration, time_step: first time, duration, and median time step of the samples, s.
         stroke: range of length, m.
         load: largest P L B / (2 π n²), with pressure P, length L, thread length B and n turns, N.
         pressure: range of pressure, Pa.
@@ -70,10 +71,11 @@ class RecordingScales:
         load = float(np.nanmax(np.abs(pressure * length))) * thread / (2 * np.pi * turns**2)
         jumps = np.abs(np.diff(length))
         speed_ratio, speed = _compute_speeds(problem)
+        samples = recording if problem.samples is None else problem.samples.problem.case.recording
         return cls(
             start_time=float(time[0]),
             duration=max(float(np.ptp(time)), 1.0),
-            time_step=max(float(np.median(np.diff(time))) if time.size > 1 else 1.0, 1e-3),
+            time_step=_compute_time_step(samples),
             stroke=max(float(np.ptp(length)), 1e-4),
             load=max(load, 1.0),
             pressure=max(float(np.ptp(pressure)), 1e3),
@@ -94,6 +96,13 @@ class RecordingScales:
             speed=speed,
             settings=problem.settings,
         )
+
+
+def _compute_time_step(recording: Recording) -> float:
+    """Return the median time between usable samples, s, at least 1 ms; 1 s without time."""
+    if recording.time is None or recording.usable.sum() < 2:
+        return 1.0
+    return max(float(np.median(np.diff(recording.time[recording.usable]))), 1e-3)
 
 
 def _compute_speeds(problem: LibraryProblem) -> tuple[float, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,7 +59,7 @@ class Experiment:
 
 
 def propose_experiments(
-    testbed: SimulatedTestbed,
+    build_testbed: Callable[[], SimulatedTestbed],
     problem: LibraryProblem,
     fit: ModelFit,
     named_mechanisms: Sequence[NamedMechanism],
@@ -67,7 +67,7 @@ def propose_experiments(
     """Return protocols that distinguish each identified mechanism from its indistinguishable rivals.
 
     Args:
-        testbed: muscle, rig and noise of the recording.
+        build_testbed: returns muscle, rig and noise of the recording.
         problem: the recording and the library; its rows can be means of those of the testbed.
         fit: the model with the identified mechanisms, refitted to this problem.
         named_mechanisms: the identified mechanisms with their rivals.
@@ -88,6 +88,7 @@ def propose_experiments(
     ]
     if not pairs:
         return []
+    testbed = build_testbed()
     best = {}
     for name, rival in pairs:
         rival_fit = fit_rival(problem, fit, name, rival)

@@ -34,15 +34,30 @@ def estimate_noise(
         noise = _estimate_sample_noise(problem, values, training_mask, max_noise_ratio)
     else:
         sample_mask = training_mask[samples.averages.group]
-        noise = average_noise(
-            _estimate_sample_noise(samples.problem, values, sample_mask, max_noise_ratio),
-            samples.averages,
-            problem.channels,
-            np.isfinite(problem.measured) & training_mask,
-            number_runs(problem.case.recording.is_run_start, training_mask),
-        )
+        sample_noise = _estimate_sample_noise(samples.problem, values, sample_mask, max_noise_ratio)
+        noise = average_sample_noise(problem, sample_noise, training_mask)
     turn_variance = estimate_turn_variance(problem, values)
     return noise if turn_variance is None else noise.add_row_variance(turn_variance)
+
+
+def average_sample_noise(
+    problem: LibraryProblem, sample_noise: NoiseModel, training_mask: np.ndarray
+) -> NoiseModel:
+    """Return the noise of the rows of a problem, which are means, from the noise of its samples.
+
+    Args:
+        problem: the means, and the library.
+        sample_noise: noise of the samples.
+        training_mask: (n,) whether a mean is used in the fit.
+    """
+    assert problem.samples is not None
+    return average_noise(
+        sample_noise,
+        problem.samples.averages,
+        problem.channels,
+        np.isfinite(problem.measured) & training_mask,
+        number_runs(problem.case.recording.is_run_start, training_mask),
+    )
 
 
 def _estimate_sample_noise(

@@ -78,8 +78,8 @@ class ModelFit:
 
     @property
     def variance_inflation(self) -> float:
-        """Return the mean square residual of a model with systematic misfit; 1 without."""
-        return max(self.estimate.chi2 / max(self.noise.size, 1), 1.0)
+        """Return the mean square residual of a sample with systematic misfit; 1 without."""
+        return 1 + max(self.estimate.chi2 - self.noise.size, 0.0) / max(self.noise.sample_count, 1.0)
 
     @property
     def covariance(self) -> np.ndarray:

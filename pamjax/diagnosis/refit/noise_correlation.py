@@ -37,10 +37,9 @@ def fit_noise_correlation(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
 
     Args:
         problem: the recording and the library.
-        fit: the fit; unchanged if it has systematic misfit or no sensor's noise is stated, and unchanged
-            if its rows are means: their noise is that of the samples.
+        fit: the fit; unchanged if it has systematic misfit or no sensor's noise is stated.
     """
-    if fit.noise.weight != 1 or problem.samples is not None:
+    if fit.noise.weight != 1:
         return fit
     compute_deviance, noise = _build_restricted_deviance(problem, fit), fit.noise
     for _ in range(problem.settings.correlation_sweeps):

@@ -67,9 +67,7 @@ def average_models(
     )
     if minima and minima[0].corrected_chi2 < fit.corrected_chi2 - settings.min_chi2_improvement:
         minima.append(fit)
-        fit = _correct_bias(
-            problem, _refit_from(problem, fit, minima[0].estimate.values, settings.max_refit_evaluations)
-        )
+        fit = refit_from(problem, fit, minima[0].estimate.values)
     shifts = _weigh_minima(fit, minima, settings.distance_chi2_tolerance) + [
         shift for mechanism in named_mechanisms for shift in _weigh_indistinguishable(problem, fit, mechanism)
     ]
@@ -124,12 +122,16 @@ def _add_input_noise_chi2(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
     return replace(fit, input_noise_chi2=input_noise_chi2)
 
 
-def _correct_bias(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
-    """Return the fit corrected for input noise; unchanged for a fit with misfit weights."""
+def refit_from(problem: LibraryProblem, fit: ModelFit, start: np.ndarray) -> ModelFit:
+    """Return the model of a fit, refitted to the minimum from other values, (p,), with the same noise.
+
+    It is corrected for input noise, unless the fit has misfit weights.
+    """
+    refit = _refit_from(problem, fit, start, problem.settings.max_refit_evaluations)
     return (
-        build_corrected_fit(problem, fit.mechanisms, fit.noise, fit.estimate)
-        if fit.noise.weight == 1
-        else fit
+        build_corrected_fit(problem, refit.mechanisms, refit.noise, refit.estimate)
+        if refit.noise.weight == 1
+        else refit
     )
 
 

@@ -103,7 +103,7 @@ def build_free_columns(noise: NoiseModel, columns: np.ndarray) -> np.ndarray:
     """Return columns, (r, 2, n), scaled to a prior that leaves their sizes free."""
     white = np.nan_to_num(noise.whiten(columns))
     information = np.maximum(np.einsum("ij,ij->i", white, white), 1e-300)
-    scale = _FREE_COLUMN_SD * np.sqrt(white.shape[1] / information)
+    scale = _FREE_COLUMN_SD * np.sqrt(noise.sample_count / information)
     return columns * scale[:, None, None]
 
 

@@ -88,7 +88,7 @@ def test_isotonic_rig_measures_length_and_distinguishes_rubber_from_a_lost_press
     monkeypatch.setattr(experiment_module, "evaluate_protocols", evaluate_and_keep)
     # A diagnosis proposes a protocol for mechanisms that this recording does not distinguish.
     rubber = NamedMechanism("bladder_elasticity", 0.9, ("contact_pressure",), 30.0)
-    (experiment,) = propose_experiments(testbed, problem, comparison.fits[0], [rubber])
+    (experiment,) = propose_experiments(lambda: testbed, problem, comparison.fits[0], [rubber])
     powers = {each.id: each.power for each in evaluated}
     assert set(powers) == {protocol.id for protocol in ISOTONIC_MENU}
     assert max(powers["I2"], powers["I3"], powers["I9"]) > 0.9
@@ -96,4 +96,4 @@ def test_isotonic_rig_measures_length_and_distinguishes_rubber_from_a_lost_press
     assert experiment.separates == ("bladder_elasticity", "contact_pressure")
     assert experiment.id in powers
     assert experiment.power > 0.9
-    assert not propose_experiments(testbed, problem, comparison.fits[0], [])
+    assert not propose_experiments(lambda: testbed, problem, comparison.fits[0], [])
