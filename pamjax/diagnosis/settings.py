@@ -111,7 +111,7 @@ class DiagnosisSettings:
         "Decrease the BIC of a mechanism with a stated value (thread compliance) by at most this",
         "favours mechanisms with stated values")
 
-    max_search_rows: int = _library(1280, "count", 100, 10**9,
+    max_search_rows: int = _library(2000, "count", 100, 10**9,
         "Search mechanisms in means of 3, 5, ... neighbouring rows of a recording with more rows than this",
         "slower; faster effects are identified")
 

@@ -44,7 +44,7 @@ DEFAULTS = {
     "min_samples_for_correlation": 30, "min_near_step_share": 0.9, "max_input_noise_chi2_share": 0.1,
     "max_prior_deviation_sd": 3.0, "max_stiffness_factor": 5.0, "min_presliding_noise_ratio": 10.0,
     "fitted_size_sd_share": 0.1, "slip_time_count": 24, "min_speed_ratio_for_power": 1.5,
-    "max_stated_chi2": 12.0, "max_search_rows": 1280, "max_refit_evaluations": 40,
+    "max_stated_chi2": 12.0, "max_search_rows": 2000, "max_refit_evaluations": 40,
     "start_limit_distance_share": 0.15,
     "at_limit_range_share": 1e-3, "min_input_noise_chi2_share": 0.02, "max_correction_steps": 6,
     "min_correction_decrease": 1.0,
