@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from pamjax import DiagnosisSettings, diagnose
+from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import average_rows, build_library_problem
 from pamjax.diagnosis.noise.estimate import estimate_noise
-from pamjax.diagnosis.search_rows import choose_search_rows
+from pamjax.diagnosis.refit.model_fit import fit_model, switch_on_candidate
+from pamjax.diagnosis.run import _fit_selected_mechanisms
+from pamjax.diagnosis.search_rows import DiagnosedRows, choose_search_rows
+from pamjax.diagnosis.select.rivals import NamedMechanism, RivalFit
+from pamjax.diagnosis.select.selection import Selection
 from pamjax.model.muscle import Muscle
 from pamjax.model.thread import LinearThread
 from pamjax.records.blocks import find_blocks
@@ -128,3 +133,33 @@ def test_a_search_in_averages_has_the_same_names_and_a_result_for_all_rows():
     assert np.isfinite(fewer.held_out_errors.model_prediction[0]).all()
     # The final fit uses all rows.
     assert fewer.model.noise.size == np.isfinite(fewer.problem.measured).sum()
+
+
+@pytest.mark.slow
+def test_the_uncertainty_between_models_does_not_depend_on_the_rows_of_the_search():
+    """With an offset of the pressure instead of the force, the braid has other dimensions."""
+    ground_truth = simulate_bank(BankRecording(1, only="force_offset"))
+    problem, blocks = build_library_problem(ground_truth.case), find_blocks(ground_truth.case.recording)
+    averages = RowAverages.from_recording(problem.case.recording, blocks.label, 3)
+    averaged, training_mask = average_rows(problem, averages), np.ones(problem.n, dtype=bool)
+    assert averaged.n < 0.6 * problem.n
+    (rival,) = (c for c in build_candidates(problem) if c.id == "pressure_offset")
+    rival_values = switch_on_candidate(problem, problem.neutral, rival, np.array([100.0]))
+    tie = NamedMechanism(
+        "force_offset", 0.9, (rival.id,), 50.0, indistinguishable_fits=(RivalFit(0.5, rival, rival_values),)
+    )
+    values = np.array([ground_truth.true_values[name] for name in problem.names])
+    between, total = [], []
+    for search_problem, centres in ((problem, np.arange(problem.n)), (averaged, averages.centres)):
+        length = search_problem.case.recording.length
+        rows = DiagnosedRows(problem, blocks, training_mask, search_problem, length, centres)
+        search_mask = np.ones(search_problem.n, dtype=bool)
+        fit = fit_model(search_problem, search_mask, ground_truth.candidates, values)
+        search_model, model = _fit_selected_mechanisms(rows, Selection(fit, fit, (tie,)))
+        assert search_model.noise.size == np.isfinite(search_problem.measured).sum()
+        assert model.noise.size == np.isfinite(problem.measured).sum()
+        between.append(np.sqrt(np.diag(model.between_model_covariance)))
+        total.append(np.sqrt(np.diag(model.covariance)))
+    assert np.max(between[0] / total[0]) > 0.7
+    assert between[1] == pytest.approx(between[0], rel=0.15)
+    assert total[1] == pytest.approx(total[0], rel=0.15)

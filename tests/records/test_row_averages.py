@@ -7,7 +7,7 @@ import pytest
 
 from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.records.recording import Recording
-from pamjax.records.row_averages import RowAverages
+from pamjax.records.row_averages import RowAverages, _find_fast_rows
 
 
 def build_recording(n=900, *, diameter_interval=1, turn=None, pause=None):
@@ -132,3 +132,18 @@ def test_one_row_without_pressure_ends_no_part():
     averages = RowAverages.from_recording(replace(recording, pressure=pressure), label, 3)
     assert averages.part[-1] == 0
     assert np.isfinite(averages.averaged_recording.pressure).sum() == averages.centres.size - 1
+
+
+def test_a_group_around_a_smooth_turn_is_fast():
+    """The ends of a group that is symmetric about a turn are equal, but its middle is not."""
+    row = np.arange(90.0)
+    pressure = 3e5 - 2e5 * np.cos(2 * np.pi * (row - 49) / 40)
+    recording = Recording.from_arrays(
+        pressure=pressure, length=np.full(90, 0.2), force=1e-3 * pressure, time=0.1 * row
+    )
+    # The group from row 45 to row 53 has its middle at the lowest pressure.
+    is_fast = _find_fast_rows(recording, row % 9 == 0, share=0.05)
+    assert pressure[45] == pytest.approx(pressure[53])
+    assert np.ptp(pressure[45:54]) > 0.05 * 4e5
+    assert is_fast[45:54].all()
+    assert not _find_fast_rows(recording, row % 9 == 0, share=0.2)[45:54].any()

@@ -44,6 +44,14 @@ def test_a_fit_within_the_uncertainty_is_no_other_minimum():
     assert len(_weigh_minima(build_minimum(1.2), twice, TOLERANCE)) == 1
 
 
+def test_misfit_of_means_counts_as_that_of_their_samples():
+    """A misfit of 0.4 of the variance of a sample is 3.6 times the variance of the mean of nine."""
+    minimum = build_minimum(1.2, chi2=1000 * (1 + 3.6))
+    means = replace(minimum, noise=replace(minimum.noise, samples_per_row=(9.0, 1.0)))
+    assert means.variance_inflation == pytest.approx(1.4)
+    assert minimum.variance_inflation == pytest.approx(4.6)
+
+
 def fit_from_truth(ground_truth):
     """Return the problem of a recording with one mechanism, and its fit from the true values."""
     problem = build_library_problem(ground_truth.case)

@@ -1,5 +1,7 @@
 """Whitening by noise and form errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -93,3 +95,11 @@ def test_estimated_form_errors_leave_the_noise():
     estimated = with_forms.estimate_discrepancy(values + form, "a")
     assert np.std((estimated - form)[0]) < 0.2 * np.std(form[0])
     assert np.std((with_forms.estimate_discrepancy(values + form, "b"))[0]) < 0.2 * np.std(form[0])
+
+
+def test_a_free_column_of_means_costs_as_much_as_one_of_their_samples():
+    noise = replace(build_noise(), samples_per_row=(5.0, 1.0))
+    columns = build_free_columns(noise, build_columns(np.random.default_rng(6))[:1])
+    free = add_discrepancy(noise, columns, ("a",))
+    cost = free.log_determinant - noise.log_determinant - compute_free_column_cost(1)
+    assert cost == pytest.approx(np.log(5 * N), abs=1e-3)
