@@ -25,7 +25,7 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
 from pamjax.diagnosis.refit.model_fit import switch_on_candidate
-from pamjax.diagnosis.select.neighbour_fits import list_addable_candidates, shortlist_candidates
+from pamjax.diagnosis.select.mechanism_refits import list_addable_candidates, shortlist_candidates
 from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Largest number of mechanisms, refits in each step, and evaluations of a refit.

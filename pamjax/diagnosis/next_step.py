@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from pamjax.diagnosis.model_uses import MODEL_FILE, list_model_uses
 from pamjax.diagnosis.result import Diagnosis
+from pamjax.diagnosis.suggested_commands import MODEL_FILE, list_suggested_commands
 from pamjax.model.registry import find_mechanism
 from pamjax.text import join_words
 
@@ -33,4 +33,4 @@ def describe_next_step(diagnosis: Diagnosis, model: str = MODEL_FILE) -> tuple[s
         return ("Use the baseline, or record more cycles: a longer recording can identify a smaller effect.",)
     if diagnosis.named_mechanisms and not diagnosis.held_out_errors.baseline_rmse:
         return ("Record at least three pressures, so that a block can be held out.",)
-    return tuple(f"{use}: `{command}`." for use, command in list_model_uses(diagnosis, model)[:1])
+    return tuple(f"{use}: `{command}`." for use, command in list_suggested_commands(diagnosis, model)[:1])

@@ -20,12 +20,12 @@ from pamjax.diagnosis.estimates import ParameterEstimate, ParameterShift, build_
 from pamjax.diagnosis.form_errors.prediction import ModelPrediction
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.experiment import Experiment
-from pamjax.diagnosis.outside.template_fits import Likeness
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.saved_model import build_model_document
 from pamjax.diagnosis.select.rivals import NamedMechanism
 from pamjax.diagnosis.select.selection import Selection
 from pamjax.diagnosis.settings import DiagnosisSettings
+from pamjax.diagnosis.templates.template_fits import Likeness
 from pamjax.diagnosis.unexplained import (
     UnexplainedReason,
     compute_unexplained_probability,

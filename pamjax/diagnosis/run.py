@@ -9,16 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from pamjax.compile.parallel import use_one_blas_thread
-from pamjax.diagnosis.checks import (
-    CheckedSelection,
-    HeldOutTest,
-    Training,
-    check_on_held_out_rows,
-    compare_with_templates,
-    cross_validate_on_blocks,
-    fit_baseline,
-    fit_selection,
-)
 from pamjax.diagnosis.crossval.confirm_selection import (
     format_dropped_mechanisms,
 )
@@ -39,9 +29,6 @@ from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed
 from pamjax.diagnosis.noise.estimate import average_sample_noise
 from pamjax.diagnosis.noise.noise_ratios import compute_noise_ratios, format_noise_notes, list_unstated_inputs
 from pamjax.diagnosis.notes import format_notes
-from pamjax.diagnosis.outside.template_context import get_template_builder
-from pamjax.diagnosis.outside.template_fits import Likeness, list_likenesses
-from pamjax.diagnosis.outside.templates import TemplateBuilder
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
 from pamjax.diagnosis.result import Diagnosis
@@ -53,7 +40,20 @@ from pamjax.diagnosis.select.selection import (
     format_masked_mechanisms,
     select_mechanisms,
 )
+from pamjax.diagnosis.selection_tests import (
+    CheckedSelection,
+    HeldOutTest,
+    Training,
+    check_on_held_out_rows,
+    compare_with_templates,
+    cross_validate_on_blocks,
+    fit_baseline,
+    fit_selection,
+)
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
+from pamjax.diagnosis.templates.template_context import get_template_builder
+from pamjax.diagnosis.templates.template_fits import Likeness, list_likenesses
+from pamjax.diagnosis.templates.templates import TemplateBuilder
 from pamjax.infer.form_errors.form_model import FormErrorModel
 from pamjax.infer.form_errors.parts import FormErrorPart
 from pamjax.progress import Progress, ignore_progress

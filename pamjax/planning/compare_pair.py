@@ -21,7 +21,7 @@ from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.experiment import fit_best_rival, fit_rival
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
-from pamjax.diagnosis.select.neighbour_fits import refit_fully
+from pamjax.diagnosis.select.mechanism_refits import refit_fully
 from pamjax.progress import Progress, ignore_progress
 
 

@@ -50,7 +50,7 @@ from pamjax.diagnosis.next_experiment.testbed import (
 )
 from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
 from pamjax.diagnosis.refit.model_fit import ModelFit
-from pamjax.diagnosis.select.neighbour_fits import shortlist_candidates
+from pamjax.diagnosis.select.mechanism_refits import shortlist_candidates
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.planning.compare_pair import fit_baseline, fit_mechanism

@@ -21,9 +21,9 @@ from pamjax.benchmark.bank_trial import draw_task_recording
 from pamjax.benchmark.other_forms.case_files import build_bank_case
 from pamjax.benchmark.trial import TrialTask, draw_ground_truth
 from pamjax.compile.jax_cache import keep_compiled
-from pamjax.diagnosis.checks import fit_baseline
 from pamjax.diagnosis.search_rows import DiagnosedRows
 from pamjax.diagnosis.select import selection
+from pamjax.diagnosis.selection_tests import fit_baseline
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.records.case import Case
 from tests.benchmarks.keep import arguments, keep

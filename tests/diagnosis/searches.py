@@ -9,7 +9,7 @@ import numpy as np
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
-from pamjax.diagnosis.select.neighbour_fits import fit_with_candidate, refit_fully
+from pamjax.diagnosis.select.mechanism_refits import fit_with_candidate, refit_fully
 from pamjax.diagnosis.select.search import MechanismSearch
 from pamjax.progress import ignore_progress
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from pamjax.diagnosis import checks
-from pamjax.diagnosis.checks import CheckedSelection, cross_validate_on_blocks
+from pamjax.diagnosis.selection_tests import CheckedSelection, cross_validate_on_blocks
 from pamjax.diagnosis.unexplained import (
     UnexplainedReason,
     compute_unexplained_probability,

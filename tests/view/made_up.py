@@ -17,11 +17,11 @@ from pamjax.diagnosis.detect.significance import ResidualTest
 from pamjax.diagnosis.estimates import ParameterEstimate, ParameterShift
 from pamjax.diagnosis.form_errors.prediction import ModelPrediction
 from pamjax.diagnosis.next_experiment.experiment import Experiment
-from pamjax.diagnosis.outside.template_fits import Likeness
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.rivals import NamedMechanism
 from pamjax.diagnosis.select.selection import Selection
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
+from pamjax.diagnosis.templates.template_fits import Likeness
 from pamjax.diagnosis.unexplained import UnexplainedReason
 from pamjax.infer.form_errors.parts import FormErrorPart
 from pamjax.infer.noise.ar1_filter import Ar1Noise

@@ -1,6 +1,6 @@
 """Families of effects outside the library, each with its equation and its distribution.
 
-The diagnosis has templates of the first eight (`diagnosis/outside/templates.py`), and none of the last three.
+The diagnosis has templates of the first eight, and none of the last three.
 
 U is a uniform and LU a log-uniform distribution; T is the duration of the recording.
 """

@@ -24,7 +24,7 @@ from pamjax.diagnosis.refit.model_fit import (
     switch_off_candidate,
     switch_on_candidate,
 )
-from pamjax.diagnosis.select.neighbour_fits import refit_fully
+from pamjax.diagnosis.select.mechanism_refits import refit_fully
 from pamjax.diagnosis.select.rivals import NamedMechanism
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.progress import Progress, ignore_progress

@@ -27,7 +27,7 @@ from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.form_errors.fit import FormErrorFit, add_form_errors
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.refit.model_fit import ModelFit
-from pamjax.diagnosis.select.neighbour_fits import is_reduction_significant
+from pamjax.diagnosis.select.mechanism_refits import is_reduction_significant
 from pamjax.diagnosis.select.redundant_mechanisms import compute_cost
 from pamjax.diagnosis.select.search import MechanismSearch, fit_best_candidate
 from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise

@@ -15,7 +15,7 @@ from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_dir
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.model_fit import ModelFit
-from pamjax.diagnosis.select.neighbour_fits import (
+from pamjax.diagnosis.select.mechanism_refits import (
     compute_rough_limit,
     fit_with_candidate,
     fit_without_mechanism,

@@ -12,7 +12,7 @@ from itertools import chain, combinations
 
 from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.refit.model_fit import ModelFit
-from pamjax.diagnosis.select.neighbour_fits import (
+from pamjax.diagnosis.select.mechanism_refits import (
     fit_with_candidate,
     fit_without_mechanisms,
     refit_fully,

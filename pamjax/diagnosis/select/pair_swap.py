@@ -35,7 +35,7 @@ from pamjax.diagnosis.refit.model_fit import (
     get_free_indices,
     switch_on_candidate,
 )
-from pamjax.diagnosis.select.neighbour_fits import build_rough_fit, fit_without_mechanisms
+from pamjax.diagnosis.select.mechanism_refits import build_rough_fit, fit_without_mechanisms
 from pamjax.diagnosis.select.search import MechanismSearch, prune_mechanisms, search_mechanisms
 from pamjax.model.registry import EXCLUSIVE_PAIRS
 from pamjax.progress import ignore_progress

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.refit.model_fit import ModelFit
-from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism, is_reduction_significant
+from pamjax.diagnosis.select.mechanism_refits import fit_without_mechanism, is_reduction_significant
 from pamjax.diagnosis.select.search import MechanismSearch
 
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.outside.template_fits import TemplateFit, find_best_template_fits
-from pamjax.diagnosis.outside.templates import TemplateBuilder
 from pamjax.diagnosis.refit.model_fit import ModelFit
-from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism, refit_baseline
+from pamjax.diagnosis.select.mechanism_refits import fit_without_mechanism, refit_baseline
 from pamjax.diagnosis.select.selection import Selection, restrict_selection
+from pamjax.diagnosis.templates.template_fits import TemplateFit, find_best_template_fits
+from pamjax.diagnosis.templates.templates import TemplateBuilder
 from pamjax.text import join_words
 
 

@@ -17,7 +17,7 @@ from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import evaluate_estimate
 from pamjax.diagnosis.refit.model_fit import ModelFit, switch_off_candidate
-from pamjax.diagnosis.select.neighbour_fits import (
+from pamjax.diagnosis.select.mechanism_refits import (
     compute_rough_limit,
     fit_replacements,
     fit_without_mechanism,

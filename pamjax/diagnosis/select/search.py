@@ -30,7 +30,7 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.refit.model_fit import ModelFit, build_corrected_fit, fit_model
 from pamjax.diagnosis.select.mechanism_forms import choose_forms
-from pamjax.diagnosis.select.neighbour_fits import (
+from pamjax.diagnosis.select.mechanism_refits import (
     compute_rough_limit,
     fit_replacements,
     fit_with_candidate,

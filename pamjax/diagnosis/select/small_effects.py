@@ -36,7 +36,7 @@ from pamjax.diagnosis.refit.model_fit import (
     switch_off_candidate,
     switch_on_candidate,
 )
-from pamjax.diagnosis.select.neighbour_fits import (
+from pamjax.diagnosis.select.mechanism_refits import (
     is_reduction_significant,
     list_addable_candidates,
     shortlist_candidates,

@@ -14,9 +14,9 @@ import numpy as np
 from pamjax.baselines.comparison import BASELINE_MODEL, MODEL_TITLES, ModelComparison
 from pamjax.channels import DISPLAY_UNIT, format_channel_value
 from pamjax.diagnosis.estimates import ParameterEstimate, build_parameter_estimate
-from pamjax.diagnosis.model_uses import MODEL_FILE, list_model_uses
 from pamjax.diagnosis.result import Diagnosis, get_baseline_estimates
 from pamjax.diagnosis.settings import describe_settings
+from pamjax.diagnosis.suggested_commands import MODEL_FILE, list_suggested_commands
 from pamjax.diagnosis.unexplained import describe_unexplained_reason
 from pamjax.infer.form_errors.parts import MIN_SHOWN_EFFECT
 from pamjax.model.registry import find_mechanism
@@ -110,7 +110,7 @@ def write_diagnosis_report(
         notes=diagnosis.notes,
         model_file=model_file,
         command_folder="of this report" if folder is None else "in which you ran the diagnosis",
-        model_uses=list_model_uses(diagnosis, model),
+        suggested_commands=list_suggested_commands(diagnosis, model),
         assumptions=list(_list_assumptions(diagnosis)),
         settings=list(_list_settings(diagnosis)),
         changed_settings=_format_changed_settings(diagnosis),

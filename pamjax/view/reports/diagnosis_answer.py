@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pamjax.baselines.comparison import MODEL_TITLES, SAROSI_MODEL, ModelComparison
 from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.estimates import order_estimates
-from pamjax.diagnosis.model_uses import MODEL_FILE
 from pamjax.diagnosis.next_step import describe_next_step
 from pamjax.diagnosis.notes import describe_contradicted_values, describe_untested_effects
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.rivals import NamedMechanism
+from pamjax.diagnosis.suggested_commands import MODEL_FILE
 from pamjax.diagnosis.summary import describe_unconfirmed, format_named_estimate
 from pamjax.diagnosis.unexplained import describe_unexplained_probability, describe_unexplained_reason
 from pamjax.model.registry import find_mechanism

@@ -21,7 +21,7 @@ from pamjax.benchmark.other_forms.outside import OUTSIDE_FAMILIES
 from pamjax.benchmark.other_forms.scales import build_scales
 from pamjax.benchmark.other_forms.size import BaselineFit, compute_size, scale_to_size
 from pamjax.benchmark.setups import build_reference_setup, draw_setup
-from pamjax.diagnosis.outside.templates import TEMPLATES
+from pamjax.diagnosis.templates.templates import TEMPLATES
 from pamjax.model.registry import EXCLUSIVE_PAIRS, MECHANISMS
 from pamjax.records.blocks import find_blocks
 from pamjax.records.case import read_case

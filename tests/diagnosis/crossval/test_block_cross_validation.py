@@ -13,7 +13,7 @@ from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.refit.model_fit import fit_model
-from pamjax.diagnosis.select.neighbour_fits import fit_with_candidate
+from pamjax.diagnosis.select.mechanism_refits import fit_with_candidate
 from pamjax.records.blocks import find_blocks
 from tests.diagnosis.bank import BankRecording, simulate_bank
 

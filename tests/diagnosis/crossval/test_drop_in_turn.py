@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.checks import CheckedSelection, _doubt_failed_prediction
 from pamjax.diagnosis.crossval import confirm_selection
 from pamjax.diagnosis.select.rivals import NamedMechanism
 from pamjax.diagnosis.select.selection import Selection
+from pamjax.diagnosis.selection_tests import CheckedSelection, _doubt_failed_prediction
 from pamjax.diagnosis.unexplained import UnexplainedReason
 from tests.view.made_up import diagnosis
 

@@ -8,7 +8,7 @@ from pamjax.benchmark.setups import build_reference_setup
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.refit.model_fit import ModelFit
 from pamjax.diagnosis.select.mechanism_forms import choose_forms
-from pamjax.diagnosis.select.neighbour_fits import fit_with_candidate, refit_fully
+from pamjax.diagnosis.select.mechanism_refits import fit_with_candidate, refit_fully
 from tests.diagnosis.bank import BankRecording, replace_recording, simulate_bank
 from tests.diagnosis.searches import build_search
 

@@ -7,12 +7,12 @@ import pytest
 
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import build_library_problem
-from pamjax.diagnosis.outside.template_context import build_template_context
-from pamjax.diagnosis.outside.templates import build_templates
 from pamjax.diagnosis.refit.model_fit import fit_model
 from pamjax.diagnosis.select.replace_by_template import replace_by_template
 from pamjax.diagnosis.select.rivals import NamedMechanism
 from pamjax.diagnosis.select.selection import Selection
+from pamjax.diagnosis.templates.template_context import build_template_context
+from pamjax.diagnosis.templates.templates import build_templates
 from pamjax.records.blocks import find_blocks
 from tests.diagnosis.bank import BankRecording, simulate_bank
 

@@ -8,7 +8,7 @@ import pytest
 from pamjax import diagnose
 from pamjax.diagnosis.form_errors.columns import compute_effect
 from pamjax.diagnosis.library.library_problem import build_library_problem
-from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism
+from pamjax.diagnosis.select.mechanism_refits import fit_without_mechanism
 from pamjax.diagnosis.select.search import prune_mechanisms, swap_mechanisms
 from tests.diagnosis.bank import BankRecording, diagnose_bank, replace_recording, simulate_bank
 from tests.diagnosis.searches import build_search, fit_ids

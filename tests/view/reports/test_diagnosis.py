@@ -13,8 +13,8 @@ import pytest
 
 from pamjax.baselines.comparison import ComparisonSplit, ModelComparison
 from pamjax.diagnosis.estimates import ParameterEstimate
-from pamjax.diagnosis.model_uses import list_model_uses
 from pamjax.diagnosis.settings import DiagnosisSettings, describe_settings
+from pamjax.diagnosis.suggested_commands import list_suggested_commands
 from pamjax.diagnosis.summary import format_named_estimate
 from pamjax.model.parameters import find_meaning
 from pamjax.records.reading.muscle_toml import Sensors
@@ -162,7 +162,7 @@ def test_example_force_has_no_exponent(scale, text):
     )
     case = replace(result.problem.case, recording=replace(recording, force=force))
     problem = SimpleNamespace(**vars(result.problem) | {"case": case})
-    commands = " ".join(command for _, command in list_model_uses(replace(result, problem=problem)))
+    commands = " ".join(command for _, command in list_suggested_commands(replace(result, problem=problem)))
     assert f'--force "{text}"' in commands
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pamjax import DiagnosisSettings
-from pamjax.diagnosis.outside.templates import TEMPLATES, TemplateContext, build_templates
+from pamjax.diagnosis.templates.templates import TEMPLATES, TemplateContext, build_templates
 from pamjax.records.blocks import Blocks
 from tests.agreement import ROUNDING, agree
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.outside.template_fits import compute_cost_reductions, compute_explained_chi2
-from pamjax.diagnosis.outside.templates import Template
+from pamjax.diagnosis.templates.template_fits import compute_cost_reductions, compute_explained_chi2
+from pamjax.diagnosis.templates.templates import Template
 from tests.agreement import SOLVED, agree
 from tests.diagnosis.plain_fits import build_fit
 

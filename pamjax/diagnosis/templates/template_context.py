@@ -7,7 +7,7 @@ import numpy as np
 
 from pamjax.diagnosis.library.library_parameters import COMPLIANCE_PARAMETER
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.outside.templates import TemplateBuilder, TemplateContext, build_templates
+from pamjax.diagnosis.templates.templates import TemplateBuilder, TemplateContext, build_templates
 from pamjax.infer.noise.sensor_noise import compute_sensitivities
 from pamjax.records.blocks import Blocks
 

@@ -11,7 +11,7 @@ from pamjax.records.recording import Recording
 MODEL_FILE = "model.json"
 
 
-def list_model_uses(diagnosis: Diagnosis, model: str = MODEL_FILE) -> list[tuple[str, str]]:
+def list_suggested_commands(diagnosis: Diagnosis, model: str = MODEL_FILE) -> list[tuple[str, str]]:
     """Return uses of the improved model, each with its command.
 
     Args:

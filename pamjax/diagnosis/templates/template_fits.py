@@ -25,7 +25,6 @@ from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.form_errors.columns import build_coordinates
 from pamjax.diagnosis.form_errors.fit import add_form_errors, estimate_form_shares
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.outside.templates import Template, TemplateBuilder
 from pamjax.diagnosis.refit.least_squares import (
     MapEstimate,
     compute_priors,
@@ -34,6 +33,7 @@ from pamjax.diagnosis.refit.least_squares import (
     transform_to_coordinates,
 )
 from pamjax.diagnosis.refit.model_fit import ModelFit
+from pamjax.diagnosis.templates.templates import Template, TemplateBuilder
 from pamjax.infer.form_errors.columns import build_columns_of_effect
 from pamjax.infer.form_errors.discrepancy import (
     DiscrepancyNoise,

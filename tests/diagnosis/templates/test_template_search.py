@@ -7,14 +7,14 @@ import pytest
 
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.library_problem import build_library_problem
-from pamjax.diagnosis.outside.template_context import build_template_context
-from pamjax.diagnosis.outside.template_fits import (
+from pamjax.diagnosis.refit.model_fit import fit_model
+from pamjax.diagnosis.templates.template_context import build_template_context
+from pamjax.diagnosis.templates.template_fits import (
     _select_template,
     find_best_template_fits,
     list_likenesses,
 )
-from pamjax.diagnosis.outside.templates import build_templates
-from pamjax.diagnosis.refit.model_fit import fit_model
+from pamjax.diagnosis.templates.templates import build_templates
 from pamjax.records.blocks import find_blocks
 from tests.diagnosis.bank import BankRecording, replace_recording, simulate_bank
 

@@ -1,4 +1,4 @@
-"""Checks of selected mechanisms: templates, left-out blocks, and held-out rows."""
+"""Tests of selected mechanisms: templates, left-out blocks, and held-out rows."""
 
 from __future__ import annotations
 
@@ -28,7 +28,6 @@ from pamjax.diagnosis.form_errors.prediction import (
     predict_with_uncertainty,
 )
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.outside.templates import TemplateBuilder
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
 from pamjax.diagnosis.refit.model_fit import ModelFit, fit_model
 from pamjax.diagnosis.search_rows import DiagnosedRows
@@ -38,6 +37,7 @@ from pamjax.diagnosis.select.selection import (
     drop_small_effects,
     shrink_to_even_odds,
 )
+from pamjax.diagnosis.templates.templates import TemplateBuilder
 from pamjax.diagnosis.unexplained import UnexplainedReason
 from pamjax.records.blocks import Blocks
 

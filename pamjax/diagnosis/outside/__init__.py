@@ -1,1 +1,0 @@
-"""Effects outside the library, which compete with its mechanisms."""

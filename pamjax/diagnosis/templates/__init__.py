@@ -1,0 +1,1 @@
+"""Templates: effects outside the library, which compete with its mechanisms."""
