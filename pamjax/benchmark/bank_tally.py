@@ -34,13 +34,13 @@ def _select_effect_trials(trials: Sequence[Trial]) -> list[Trial]:
 
 
 def _tabulate_effects(trials: Sequence[Trial]) -> list[TableLine]:
-    """Return recall, precision, F1, exact sets and first names."""
+    """Return recall, precision, F1, exact sets and first mechanisms."""
     group = _select_effect_trials(trials)
     single = [t for t in group if t.kind == "single"]
     hits = [(t.forms[i] == "usual", hit) for t in group for i, hit in enumerate(t.effects_found)]
     recall = build_rate_line("recall: effects named", [hit for _, hit in hits])
     precision = build_rate_line(
-        "precision: names that are right", [hit for t in group for hit in t.names_right]
+        "precision: named mechanisms that are correct", [hit for t in group for hit in t.names_right]
     )
     lines = [
         recall,
@@ -55,7 +55,7 @@ def _tabulate_effects(trials: Sequence[Trial]) -> list[TableLine]:
         *lines,
         build_rate_line("exact, one effect", [t.is_exact for t in single]),
         build_rate_line("exact, one to three effects", [t.is_exact for t in group]),
-        build_rate_line("first name right", [bool(t.names_right) and t.names_right[0] for t in group]),
+        build_rate_line("first mechanism correct", [bool(t.names_right) and t.names_right[0] for t in group]),
         build_rate_line("one to three effects: an unexplained misfit", [t.unexplained for t in group]),
     ]
 
@@ -78,7 +78,7 @@ def _tabulate_outside(trials: Sequence[Trial]) -> list[TableLine]:
     outside_trials, mixed_trials = ([t for t in trials if t.kind == kind] for kind in ("outside", "mixed"))
     return [
         build_rate_line("outside alone: an unexplained misfit", [t.unexplained for t in outside_trials]),
-        build_rate_line("outside alone: given a name", [bool(t.named) for t in outside_trials]),
+        build_rate_line("outside alone: a mechanism named", [bool(t.named) for t in outside_trials]),
         build_rate_line(
             "outside with a mechanism: an unexplained misfit", [t.unexplained for t in mixed_trials]
         ),
@@ -87,7 +87,7 @@ def _tabulate_outside(trials: Sequence[Trial]) -> list[TableLine]:
             [hit for t in mixed_trials for hit in t.effects_found],
         ),
         build_rate_line(
-            "outside with a mechanism: names that are right",
+            "outside with a mechanism: named mechanisms that are correct",
             [hit for t in mixed_trials for hit in t.names_right],
         ),
     ]
@@ -112,10 +112,10 @@ def _tabulate_claims(trials: Sequence[Trial]) -> list[TableLine]:
     ratios = [ratio for t in trials for ratio in t.held_out_ratios]
     lines = [
         _build_line("90 % intervals of offsets, gains and delays", compute_coverage(trials, own=False)),
-        build_rate_line("names that make the held-out error larger", [ratio > 1 for ratio in ratios]),
+        build_rate_line("mechanisms that make the held-out error larger", [ratio > 1 for ratio in ratios]),
     ]
     for mean, rate in compute_reliability(trials):
-        lines.append(_build_line(f"names with a mean probability of {mean:.3f}: right", rate))
+        lines.append(_build_line(f"mechanisms with a mean probability of {mean:.3f}: correct", rate))
     for probability in sorted({t.unexplained_probability for t in trials if t.unexplained_probability}):
         outcomes = [bool(t.outside) for t in trials if t.unexplained_probability == probability]
         label = f"an effect outside the library with probability {probability:.3f}: present"

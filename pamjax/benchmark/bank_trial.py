@@ -92,7 +92,7 @@ def find_reported_ties(
 def _compare_usual_parameters(
     bank_recording: BankRecording, diagnosis: Diagnosis
 ) -> list[RecoveredParameter]:
-    """Return the parameters of right names whose form is that of the fit, with their true values."""
+    """Return the parameters of correct mechanisms whose form is that of the fit, with their true values."""
     out = []
     for effect in bank_recording.effects:
         estimate = diagnosis.parameters.get(effect.id, {}).get(effect.amplitude)

@@ -23,7 +23,7 @@ _OBVIOUS_EFFECT_SD, _CLEAR_EFFECT_SD = 8.0, 5.0
 _NORMAL_QUANTILE_95 = 1.6449
 #: Held-out error over noise up to which the model predicts to within noise.
 MAX_ERROR_NOISE_RATIO = 1.15
-#: Edges of the bins of reported probabilities, for comparison with the share of right names.
+#: Edges of the bins of reported probabilities, for comparison with the share of correct mechanisms.
 _PROBABILITY_EDGES = (0.5, 0.8, 0.95, 0.995, 1.0)
 
 
@@ -88,7 +88,7 @@ def tabulate_recovery(trials: Sequence[Trial]) -> list[TableLine]:
         trials_of_size = [t for t in single if low <= t.sizes[0] < high]
         lines.append(
             build_rate_line(
-                f"one effect {word}: first name right",
+                f"one effect {word}: first mechanism correct",
                 [bool(t.names_right) and t.names_right[0] for t in trials_of_size],
                 [_is_first_right(t) for t in trials_of_size if t.selected is not None],
                 target,
@@ -168,7 +168,7 @@ def _tabulate_names(word: str, group: Sequence[Trial]) -> list[TableLine]:
             [t.concealed[i] in (t.selected or ()) for t, i in clear if t.selected is not None],
         ),
         build_rate_line(
-            f"{word}: right names",
+            f"{word}: correct mechanisms",
             [hit for t in group for hit in t.names_right],
             [id in t.concealed for t in with_selection for id in t.selected or ()],
             ">= 90 %",
@@ -229,10 +229,10 @@ def _tabulate_quantities(trials: Sequence[Trial]) -> list[TableLine]:
     effect_trials = [t for t in full_trials if t.kind in ("single", "pair", "triple")]
     lines = []
     for mean, rate in compute_reliability(full_trials):
-        lines.append(TableLine(f"names with a mean probability of {mean:.3f}: right", rate, str(rate)))
+        lines.append(TableLine(f"mechanisms with a mean probability of {mean:.3f}: correct", rate, str(rate)))
     for word, own in (
-        ("parameters of right names", False),
-        ("parameters of the baseline, if all names are right", True),
+        ("parameters of correct mechanisms", False),
+        ("parameters of the baseline, if all named mechanisms are correct", True),
     ):
         rate = compute_coverage(effect_trials, own)
         lines.append(

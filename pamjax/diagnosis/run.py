@@ -255,9 +255,8 @@ def _fit_selected_mechanisms(rows: DiagnosedRows, selection: Selection) -> tuple
     search_fit = refit_from(search_problem, replace(fit, noise=noise), fit.estimate.values)
     search_model = average_models(search_problem, search_fit, selection.named_mechanisms)
     if search_model.estimate is not search_fit.estimate:
-        # The rows of the search have a better minimum.
-        other_fit = refit_from(problem, fit, search_model.estimate.values)
-        fit = min((fit, other_fit), key=lambda m: m.corrected_chi2)
+        # The covariance between models belongs to the better minimum that the rows of the search have.
+        fit = refit_from(problem, fit, search_model.estimate.values)
     return search_model, replace(
         add_input_noise_bias(problem, fit), between_model_covariance=search_model.between_model_covariance
     )

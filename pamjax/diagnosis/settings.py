@@ -153,7 +153,7 @@ class DiagnosisSettings:
         "more detections and more false alarms")
     mean_square_level_share: float = _detect(0.05, "share of the level", 1e-6, 0.999,
         "Assign this part of the significance level to the mean square of the residual",
-        "misfit without a direction is detected more often, other misfit less often")
+        "misfit without a tested pattern is detected more often, other misfit less often")
     significance_draws: int = _detect(10000, "count", 10, 10**8,
         "Compute a p-value from this many random draws",
         "p-values are slower and more accurate")

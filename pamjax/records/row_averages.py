@@ -34,8 +34,8 @@ _MAX_CHANGE_SHARES = (0.02, 0.05, 0.1, 0.3)
 #: Largest number of groups, relative to the number of rows over the size of a group, below the last share.
 _MAX_GROUP_RATIO = 2.0
 
-#: Change within a group that noise explains, sd of the noise.
-_MAX_NOISE_CHANGE = 6.0
+#: Range within a group that noise explains, sd of the noise. The range of many samples is larger.
+_MAX_NOISE_RANGE = 6.0
 
 #: Rows of a part are not averaged until an input has changed by this share of its range: at least the first
 #: number of rows, and at most the second.
@@ -246,10 +246,12 @@ def _choose_starts(is_read: np.ndarray, size: int) -> np.ndarray:
 def _find_fast_rows(recording: Recording, starts: np.ndarray, share: float) -> np.ndarray:
     """Return whether an input changes too fast in the group of a row, (n,) bool."""
     group, first_rows = np.cumsum(starts) - 1, np.flatnonzero(starts)
-    is_fast = np.zeros(first_rows.size, dtype=bool)
+    is_fast, counts = np.zeros(first_rows.size, dtype=bool), np.bincount(group)
+    # The largest of m normal values is below √(2 ln m) on average, and rarely 1.5 above it.
+    noise_range = np.maximum(_MAX_NOISE_RANGE, 2 * np.sqrt(2 * np.log(counts)) + 3)
     for values in (recording.pressure, recording.length):
         noise = estimate_reading_noise(np.diff(values, 2))
-        limit = np.fmax(share * _compute_range(values), _MAX_NOISE_CHANGE * noise)
+        limit = np.fmax(share * _compute_range(values), noise_range * noise)
         # The range, not the difference of the ends: a group can contain a smooth turn.
         is_fast |= np.fmax.reduceat(values, first_rows) - np.fmin.reduceat(values, first_rows) > limit
     return is_fast[group]

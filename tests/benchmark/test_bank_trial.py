@@ -1,4 +1,4 @@
-"""Grades of the bank of other forms: right and wrong names, tables, and continuation of a killed run."""
+"""Grades of the bank of other forms: correct mechanisms, tables, and continuation of a killed run."""
 
 import math
 from dataclasses import replace
@@ -62,9 +62,9 @@ def test_wrong_name_and_tie_with_a_wrong_id_are_refused():
     assert result["recall: effects named"] == Rate(1, 2)
     assert result["recall, effects in another form"] == Rate(1, 1)
     assert result["recall, offsets, gains and delays"] == Rate(0, 1)
-    assert result["precision: names that are right"] == Rate(1, 2)
+    assert result["precision: named mechanisms that are correct"] == Rate(1, 2)
     assert result["exact, one to three effects"] == Rate(0, 1)
-    assert result["first name right"] == Rate(1, 1)
+    assert result["first mechanism correct"] == Rate(1, 1)
 
 
 def test_empty_and_perfect_answers_have_their_scores():
@@ -82,7 +82,7 @@ def test_outside_effects_and_nulls_have_lines_of_their_own():
     quiet = build_trial("nothing", (), (), p_value=0.5)
     result = tabulate(outside, mixed, quiet, replace(quiet, misstated=True, p_value=1e-4))
     assert result["outside alone: an unexplained misfit"] == Rate(1, 1)
-    assert result["outside alone: given a name"] == Rate(1, 1)
+    assert result["outside alone: a mechanism named"] == Rate(1, 1)
     assert result["outside with a mechanism: an unexplained misfit"] == Rate(0, 1)
     assert result["outside with a mechanism: the mechanism named"] == Rate(1, 1)
     assert result["nothing concealed, exact sensors: any alarm"] == Rate(0, 1)
@@ -96,8 +96,8 @@ def test_intervals_probabilities_and_held_out_errors_are_counted():
     trial = build_trial(parameters=numbers, held_out_ratios=(0.6, 1.1), probabilities=(0.6, 0.999))
     result = tabulate(trial)
     assert result["90 % intervals of offsets, gains and delays"] == Rate(2, 3)
-    assert result["names that make the held-out error larger"] == Rate(1, 2)
-    assert result["names with a mean probability of 0.999: right"] == Rate(1, 1)
+    assert result["mechanisms that make the held-out error larger"] == Rate(1, 2)
+    assert result["mechanisms with a mean probability of 0.999: correct"] == Rate(1, 1)
     assert result["effects of 2 to 5 sd named"] == result["effects of 5 to 10 sd named"] == Rate(1, 1)
 
 

@@ -122,8 +122,8 @@ def test_large_effects_are_counted_separately():
     some = [trial("single", ("end_taper",), ("end_taper",), sizes=(9.0,)),
             trial("single", ("end_taper",), ("force_gain",), sizes=(4.0,))]  # fmt: skip
     result = {line.label: line.rate for line in tabulate_recovery(some)}
-    assert result["one effect of 8 sd or more: first name right"] == Rate(1, 1)
-    assert result["one effect of 3 to 8 sd: first name right"] == Rate(0, 1)
+    assert result["one effect of 8 sd or more: first mechanism correct"] == Rate(1, 1)
+    assert result["one effect of 3 to 8 sd: first mechanism correct"] == Rate(0, 1)
 
 
 def test_trial_is_unchanged_after_writing_and_reading():

@@ -8,6 +8,7 @@ import pytest
 from pamjax import DiagnosisSettings, diagnose
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import average_rows, build_library_problem
+from pamjax.diagnosis.library.recording_scales import RecordingScales
 from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.refit.model_fit import fit_model, switch_on_candidate
 from pamjax.diagnosis.run import _fit_selected_mechanisms
@@ -104,6 +105,19 @@ def test_averages_are_predicted_as_accurately_as_the_samples(problems, changes):
     sensors = averaged.case.muscle_toml.sensors
     error = (averaged.predict(values) - of_samples) / np.array([[sensors.force], [sensors.diameter]])
     assert np.sqrt(np.mean(error**2)) < 0.3
+
+
+def test_starting_times_are_those_of_the_samples_unless_means_do_not_show_them(problems):
+    problem, averaged, _ = problems
+    steps = [RecordingScales.from_problem(p).time_step for p in (problem, averaged)]
+    assert steps[1] == pytest.approx(steps[0])
+    # Ten times the interval of the means, with the same samples.
+    case = averaged.case
+    slow_case = replace(case, recording=replace(case.recording, time=10 * case.recording.time))
+    interval = 10 * np.median(np.diff(case.recording.time))
+    assert interval > 5 * steps[0]
+    slow = RecordingScales.from_problem(replace(averaged, case=slow_case))
+    assert slow.time_step == pytest.approx(interval / 5)
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pamjax.diagnosis import checks
+from pamjax.diagnosis import selection_tests
 from pamjax.diagnosis.selection_tests import CheckedSelection, cross_validate_on_blocks
 from pamjax.diagnosis.unexplained import (
     UnexplainedReason,
@@ -40,7 +40,7 @@ def build_training(result):
 )
 def test_blocks_that_are_not_predicted_are_the_reason(earlier, expected, monkeypatch):
     result = diagnosis()
-    monkeypatch.setattr(checks, "cross_validate_selection", lambda *_: (result.selection, False))
+    monkeypatch.setattr(selection_tests, "cross_validate_selection", lambda *_: (result.selection, False))
     before = CheckedSelection(result.selection, result.residual_test, unexplained_reason=earlier)
     after = cross_validate_on_blocks(build_training(result), before)
     assert after.unexplained
@@ -59,10 +59,12 @@ def test_blocks_that_are_not_predicted_are_the_reason(earlier, expected, monkeyp
 def test_residual_test_and_templates_are_reasons(p_value, notes, expected, monkeypatch):
     result = diagnosis()
     residual_test = replace(result.residual_test, p_value=p_value, mean_square=50.0)
-    monkeypatch.setattr(checks, "run_residual_test", lambda *_: residual_test)
-    monkeypatch.setattr(checks, "add_form_errors", lambda _, fit: fit)
+    monkeypatch.setattr(selection_tests, "run_residual_test", lambda *_: residual_test)
+    monkeypatch.setattr(selection_tests, "add_form_errors", lambda _, fit: fit)
     model = SimpleNamespace(mechanisms=("friction",))
-    after = checks._test_selection(build_training(result), replace(result.selection, model=model), notes)
+    after = selection_tests._test_selection(
+        build_training(result), replace(result.selection, model=model), notes
+    )
     assert after.unexplained == (expected is not None)
     assert after.unexplained_reason is expected
 
@@ -73,10 +75,10 @@ def test_held_out_rows_do_not_raise_the_limit_of_the_residual(monkeypatch):
     training = build_training(result)
     training.baseline_test = replace(result.baseline_test, mean_square=1e6)
     residual_test = replace(result.residual_test, p_value=1e-9, mean_square=50.0)
-    monkeypatch.setattr(checks, "run_residual_test", lambda *_: residual_test)
-    monkeypatch.setattr(checks, "add_form_errors", lambda _, fit: fit)
+    monkeypatch.setattr(selection_tests, "run_residual_test", lambda *_: residual_test)
+    monkeypatch.setattr(selection_tests, "add_form_errors", lambda _, fit: fit)
     selection = replace(result.selection, model=SimpleNamespace(mechanisms=("friction",)))
-    assert checks._test_selection(training, selection, []).unexplained
+    assert selection_tests._test_selection(training, selection, []).unexplained
 
 
 def test_probability_of_outside_physics_follows_the_decisions():

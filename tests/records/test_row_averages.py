@@ -147,3 +147,17 @@ def test_a_group_around_a_smooth_turn_is_fast():
     assert np.ptp(pressure[45:54]) > 0.05 * 4e5
     assert is_fast[45:54].all()
     assert not _find_fast_rows(recording, row % 9 == 0, share=0.2)[45:54].any()
+
+
+@pytest.mark.parametrize("size", [51, 501])
+def test_noise_does_not_divide_large_groups(size):
+    """The range of 501 normal values exceeds six standard deviations in half of all groups."""
+    rng = np.random.default_rng(3)
+    n = 40 * size
+    recording = Recording.from_arrays(
+        pressure=3e5 + 500.0 * rng.standard_normal(n),
+        length=np.full(n, 0.2),
+        force=rng.standard_normal(n),
+        time=0.01 * np.arange(n),
+    )
+    assert not _find_fast_rows(recording, np.arange(n) % size == 0, share=0.02).any()

@@ -1,4 +1,4 @@
-"""Test of the mean square of a residual against noise, for misfit without a direction.
+"""Test of the mean square of a residual against noise, for misfit without a tested pattern.
 
 The residual r of a channel, over its assumed standard deviation, has the mean square
 

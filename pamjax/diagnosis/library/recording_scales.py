@@ -11,6 +11,9 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.records.recording import Recording
 
+#: Largest interval of the rows, which can be means, over the time step. Shorter times would not show in them.
+_MAX_STEP_RATIO = 5
+
 #: 90 % quantile of the standard normal distribution.
 _NORMAL_QUANTILE_90 = 1.28
 
@@ -20,7 +23,8 @@ class RecordingScales:
     """Scales of a recording: its times, stroke, load, pressure and speeds.
 
     Attributes:
-        start_time, duration, time_step: first time, duration, and median time step of the samples, s.
+        start_time, duration: first time and duration, s.
+        time_step: median time step of the samples, s; longer for means of many samples.
         stroke: range of length, m.
         load: largest P L B / (2 π n²), with pressure P, length L, thread length B and n turns, N.
         pressure: range of pressure, Pa.
@@ -75,7 +79,7 @@ class RecordingScales:
         return cls(
             start_time=float(time[0]),
             duration=max(float(np.ptp(time)), 1.0),
-            time_step=_compute_time_step(samples),
+            time_step=max(_compute_time_step(samples), _compute_time_step(recording) / _MAX_STEP_RATIO),
             stroke=max(float(np.ptp(length)), 1e-4),
             load=max(load, 1.0),
             pressure=max(float(np.ptp(pressure)), 1e3),

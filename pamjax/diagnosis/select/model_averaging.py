@@ -4,14 +4,14 @@ The covariance at one minimum does not include other minima. Viscoelastic relaxa
 fit a recording almost equally well with different parameters (10 % in 3 s, or 50 % in 40 s). If two
 mechanisms are indistinguishable, the estimates of all other parameters depend on the choice. In addition,
 input noise biases parameters of mechanisms with memory. Therefore the model is refitted from other starting
-shapes of its mechanisms, and the best minimum is kept. With all models m that fit about as well, the
+values of its mechanisms, and the best minimum is kept. With all models m that fit about as well, the
 covariance is
 
     C = C_0 + Σ p_m (v_m − v_0) (v_m − v_0)ᵀ + δ δᵀ,        p_m = e^(−Δχ²_m / 2 s) / Σ,
 
-v_0 the reported values, s the mean squared residual and δ the bias due to input noise
-(`estimate_input_noise_bias`). An indistinguishable mechanism has the probability from its comparison. It does
-not contribute to the covariance of the parameters of the mechanism that it replaces.
+v_0 the reported values, s the mean squared residual of a sample, at least 1, and δ the bias due to input
+noise (`estimate_input_noise_bias`). An indistinguishable mechanism has the probability from its comparison.
+It does not contribute to the covariance of the parameters of the mechanism that it replaces.
 
 Neglects: the starting times of a slip; these are many, and the search has tested them.
 Source: moments of a mixture.

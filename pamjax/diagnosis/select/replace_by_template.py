@@ -2,8 +2,8 @@
 
 Several mechanisms together can imitate such an effect. The best template is added to the model, to the models
 with one mechanism less, and to the baseline. If the best of these is better than the model without a
-template, mechanisms are removed one by one. The criterion −2 ln L + k ln n of `outside/template_fits.py` must
-stay below that of the model without a template, and within the setting `tie_chi2` of its smallest value. A
+template, mechanisms are removed one by one. The criterion −2 ln L + k ln n must stay below that of the model
+without a template, and within the setting `tie_chi2` of its smallest value (`templates/template_fits.py`). A
 mechanism that explained a part of the effect is often superfluous in a model with the template.
 """
 

@@ -233,8 +233,9 @@ def list_likenesses(
     linear_fit = _linearise_at(problem, add_form_errors(problem, fit), best.estimate)
     explained = compute_explained_chi2(linear_fit, templates)
     gains = explained - _compute_penalties(linear_fit, templates)
-    # What the best template leaves is misfit too, so the comparison counts in units of it.
-    scale = max(best.estimate.chi2 / best.estimate.residual.size, 1.0)
+    # What the best template leaves is misfit too, so the comparison counts in units of that of a sample.
+    excess = max(best.estimate.chi2 - best.estimate.residual.size, 0.0)
+    scale = 1 + excess / max(linear_fit.noise.sample_count, 1.0)
     probabilities = softmax(np.append(gains, 0.0) / (2 * scale))[:-1]
     settings, out = problem.settings, {}
     for k in np.argsort(-probabilities):

@@ -205,8 +205,8 @@ def _plot_false_names(panel: Panel, trials: Sequence[Trial]) -> None:
     overall = Rate.from_outcomes(not all(trial.names_right) for trial in trials)
     panel.set(
         xlim=(-0.5, len(correlations) - 0.5), ylim=(0, 1.03), xlabel="autocorrelation of the noise",
-        ylabel="recordings with a wrong name",
-        title=f"Wrong name in {overall.share:.0%} of {overall.total} recordings",
+        ylabel="recordings with a wrong mechanism",
+        title=f"Wrong mechanism in {overall.share:.0%} of {overall.total} recordings",
     )  # fmt: skip
     panel.legend(loc="center left")
 
@@ -214,7 +214,9 @@ def _plot_false_names(panel: Panel, trials: Sequence[Trial]) -> None:
 def _plot_reliability(panel: Panel, trials: Sequence[Trial]) -> None:
     bins = compute_reliability(trials)
     panel.plot([0.4, 1], [0.4, 1], color=REFERENCE_COLOUR, lw=0.8)
-    _plot_rates(panel, [p for p, _ in bins], [rate for _, rate in bins], _PAMJAX_COLOUR, "o", "names", "none")
+    _plot_rates(
+        panel, [p for p, _ in bins], [rate for _, rate in bins], _PAMJAX_COLOUR, "o", "mechanisms", "none"
+    )
     for p, rate in bins:
         offset = -10 if rate.share > 0.1 else 4
         panel.annotate(
@@ -224,8 +226,8 @@ def _plot_reliability(panel: Panel, trials: Sequence[Trial]) -> None:
     hits = sum(rate.hits for _, rate in bins)
     mean = sum(p * rate.total for p, rate in bins) / max(total, 1)
     panel.set(
-        xlim=(0.48, 1.02), ylim=(0, 1.03), xlabel="stated probability", ylabel="share of right names",
-        title=f"Mean probability {mean:.2f}, share right {hits / max(total, 1):.2f}",
+        xlim=(0.48, 1.02), ylim=(0, 1.03), xlabel="stated probability", ylabel="share of correct mechanisms",
+        title=f"Mean probability {mean:.2f}, share correct {hits / max(total, 1):.2f}",
     )  # fmt: skip
 
 

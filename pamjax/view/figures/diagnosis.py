@@ -2,7 +2,7 @@
 
 | figure                     | question                                                                  |
 |----------------------------|---------------------------------------------------------------------------|
-| `plot_map`                 | where does the baseline model not fit? (in `misfit_map`)                |
+| `plot_map`                 | where does the baseline model not fit? (in `misfit_map`)                  |
 | `plot_loops`               | do the predicted loops match the measured ones? (in `diagnosis_loops`)    |
 | `plot_explained_residuals` | do the identified mechanisms explain the residuals? (in `diagnosis_loops`) |
 | `plot_held_out_scores`     | is the error of held-out blocks as small as the noise?                    |

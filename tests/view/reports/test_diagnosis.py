@@ -354,7 +354,8 @@ def test_expected_error_is_explained_where_it_is_shown(variant):
     text = Page(read_report(variant)).text
     explanation = (
         "The expected error is that of a correct model, from the noise and the uncertainty of its parameters."
-        " If the error with mechanisms is more than 3 times as large, the report has an unexplained part."
+        " If the error with mechanisms is more than 3 times as large, part of the misfit counts as"
+        " unexplained."
     )
     assert (explanation in text) == ("expected from noise and parameters" in text)
     assert ("expected from noise and parameters" in text) == (variant in ("friction", "tied"))

@@ -7,7 +7,7 @@ import pytest
 
 from pamjax.diagnosis.estimates import ParameterEstimate
 from pamjax.diagnosis.notes import format_untestable_mechanisms
-from pamjax.diagnosis.summary import format_named_estimate
+from pamjax.diagnosis.summary import format_named_estimate, format_summary
 from pamjax.diagnosis.unexplained import UnexplainedReason, describe_unexplained_reason
 from pamjax.errors import BadInput
 from pamjax.infer.fitting.io import save
@@ -115,8 +115,8 @@ def test_first_screen_and_summary_state_what_a_recording_without_time_cannot_tes
         (
             UnexplainedReason.LEFT_OUT_BLOCKS,
             0.86,
-            "The residual test is not significant (p = 0.86), but the mechanisms do not predict most of the"
-            " misfit of blocks that a fit leaves out.",
+            "The residual test is not significant (p = 0.86), but in cross-validation, the mechanisms do not"
+            " explain most of the misfit of the left-out blocks.",
         ),
         (
             UnexplainedReason.TEMPLATE,
@@ -191,3 +191,25 @@ def test_table_and_files_of_a_diagnosis(tmp_path):
         BadInput, match=r"`save` writes a fit; got a Diagnosis\. .*`diagnosis\.save\(folder\)`"
     ):
         save(diagnosis(), tmp_path)  # type: ignore[arg-type]
+
+
+def test_summary_labels_each_number_of_the_held_out_errors():
+    result = diagnosis()
+    errors = replace(
+        result.held_out_errors,
+        baseline_rmse={"force": 7.5},
+        model_rmse={"force": 2.5},
+        expected_rmse={"force": 2.6},
+        block_description="1 of 3 isobars: 250 kPa",
+    )
+    line = next(
+        line
+        for line in format_summary(replace(result, held_out_errors=errors)).splitlines()
+        if "rmse" in line
+    )
+    assert line == (
+        "  held-out rmse of force (1 of 3 isobars): baseline 7.5 N, with mechanisms 2.5 N, expected 2.6 N,"
+        " noise 2 N"
+    )
+    alone = format_summary(replace(diagnosis(named=False, unexplained=True), held_out_errors=errors))
+    assert "  held-out rmse of force (1 of 3 isobars): baseline 7.5 N, noise 2 N" in alone.splitlines()
