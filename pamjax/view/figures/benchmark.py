@@ -105,7 +105,7 @@ def plot_proof(trials: Sequence[Trial]) -> Figure | None:
 def plot_bank(trials: Sequence[Trial]) -> Figure | None:
     """Return recovery and reliability of a bank with effects in other forms, or None without effects.
 
-    The reliability has the names of all recordings: each name in a recording without a mechanism is wrong.
+    The reliability has the named mechanisms of all recordings. Each is wrong in a recording without one.
     """
     full_trials = [trial for trial in trials if not trial.error]
     effect_trials = [trial for trial in full_trials if trial.concealed and not trial.outside]
