@@ -44,5 +44,5 @@ def test_reliability_of_a_bank_counts_names_without_a_mechanism_as_wrong(trials)
     outside = next(t for t in trials if not t.concealed and not t.named)
     wrong = replace(outside, named=("force_offset",), probabilities=(1.0,), reported_ties=((),))
     figure = plot_bank([*trials, wrong])
-    assert f"share right {sum(right) / (len(right) + 1):.2f}" in figure.axes[1].get_title("left")
+    assert f"share correct {sum(right) / (len(right) + 1):.2f}" in figure.axes[1].get_title("left")
     assert plot_bank([t for t in trials if not t.concealed]) is None

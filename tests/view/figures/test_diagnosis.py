@@ -94,7 +94,7 @@ def test_titles_of_the_loops_have_the_errors_of_the_summary():
         )
     ]
     held_out, summary = ([t.split(" of force ")[1].removesuffix(" N") for t in titles], str(result))
-    assert f"force {held_out[0]} -> {held_out[1]} N" in summary
+    assert f"baseline {held_out[0]} N, with mechanisms {held_out[1]} N" in summary
     without = replace(result, held_out_errors=replace(errors, baseline_rmse={}, model_rmse={}))
     assert read_title(panels(plot_loops(without))[0]).startswith("Baseline: RMS error of force")
 
