@@ -249,7 +249,7 @@ def _fit_selected_mechanisms(rows: DiagnosedRows, selection: Selection) -> tuple
     problem, search_problem = rows.problem, rows.search_problem
     fit = fit_noise_correlation(problem, fit_selection(problem, selection, np.ones(problem.n, dtype=bool)))
     if search_problem is problem:
-        model = average_models(problem, fit, selection.named_mechanisms)
+        model = add_input_noise_bias(problem, average_models(problem, fit, selection.named_mechanisms))
         return model, model
     noise = average_sample_noise(search_problem, fit.noise, np.ones(search_problem.n, dtype=bool))
     search_fit = refit_from(search_problem, replace(fit, noise=noise), fit.estimate.values)

@@ -73,7 +73,7 @@ def average_models(
     ]
     free = list(fit.estimate.free)
     between = sum((p * np.outer(shift[free], shift[free]) for p, shift in shifts), np.zeros((len(free),) * 2))
-    return replace(add_input_noise_bias(problem, fit), between_model_covariance=between)
+    return replace(fit, between_model_covariance=between)
 
 
 def add_input_noise_bias(problem: LibraryProblem, fit: ModelFit) -> ModelFit:
